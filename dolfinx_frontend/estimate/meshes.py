@@ -90,6 +90,9 @@ RESOLVED = 6
 COVERED = 0.99
 """Share of a face from which on all of it counts as covered."""
 
+LOST = 1e-5
+"""Share of a face that its new mesh does not cover any more, of which it is told."""
+
 FLAT = 1e-6
 """Difference of normals below which a face is plane."""
 
@@ -282,10 +285,17 @@ class _Meshes:
                 space = "auto" if joint.space == "points" else joint.space
                 scene.interfaces[name] = replace(joint, space=space, overlap="partial")
         try:
-            return scene, assembled_again(scene, before)
+            problem = assembled_again(scene, before)
         except SceneError as error:
             self.notes.append(f"the next meshes do not fit together: {str(error).splitlines()[0]}")
             return None
+        for name, interface in problem.interfaces.items():
+            lost = before.interfaces[name].covered - interface.covered
+            note = f"interface {name!r}: two meshes of its round faces do not cover each other; what is left "
+            note += "is free, which is in no error above"
+            if lost > LOST and not any(f"interface {name!r}: two" in each for each in self.notes):
+                self.notes.append(note)
+        return scene, problem
 
     def _solve(
         self, problem: Problem, changed: dict[str, str], method: Method, options: Options, **settings: Any
@@ -525,8 +535,8 @@ def _facets(problem: Problem, part: str, face: str) -> Ints:
 
 
 def _contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
-    """Active interface that may open -> its points (k, d) with closed and open ones around; and whether a contact
-    zone has too few points for its shape to be seen."""
+    """Active interface that may open -> its points (k, d) with closed and open ones around; and whether a
+    contact zone has too few points for its shape to be seen."""
     out, unresolved = {}, False
     for name in result.plan.active:
         interface = result.problem.interfaces[name]

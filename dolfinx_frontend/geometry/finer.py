@@ -45,7 +45,9 @@ def remeshable(make: Callable[[SizeField | None], Part]) -> Part:
 def cell_sizes(mesh: dmesh.Mesh) -> Array:
     """Mean length of the edges of every cell, (cells,)."""
     kind = basix.CellType[str(mesh.topology.cell_name())]
-    corners = np.asarray(mesh.geometry.x)[cell_nodes(mesh)[:, : len(np.asarray(basix.geometry(kind)))]]
+    count = len(np.asarray(basix.geometry(kind)))
+    x: Array = np.asarray(mesh.geometry.x, dtype=np.float64)
+    corners: Array = x[np.asarray(cell_nodes(mesh))[:, :count]]
     edges = np.asarray(basix.topology(kind)[1])
     lengths = np.linalg.norm(corners[:, edges[:, 0]] - corners[:, edges[:, 1]], axis=2)
     return np.asarray(lengths.mean(axis=1), dtype=np.float64)

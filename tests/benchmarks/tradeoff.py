@@ -668,9 +668,9 @@ def adapted(
 ) -> dict[str, Any]:
     """What ``solve(scene, accuracy=...)`` makes of the coarsest mesh: meshes, chaos and iteration together.
 
-    `true` is against the fine mesh, whose own error is ``references["all"]["own_error"]``; `units` have assembly,
-    meshing and estimates; `over_best` is the cost over that of the cheapest mesh and setting by hand whose error in
-    all is as small (None: there is none).
+    `true` is against the fine mesh, whose own error is ``references["all"]["own_error"]``; `units` have
+    assembly, meshing and estimates; `over_best` is the cost over that of the cheapest mesh and setting by
+    hand whose error in all is as small (None: there is none).
     """
     mesh = replace(scene.base, size="coarse")
     described = uncertain(scene, mesh)

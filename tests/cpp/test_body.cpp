@@ -309,7 +309,7 @@ TEST(BodyWithOtherSides, KeepsItsSparseFactor) {
   finer.stiffness.coeffs() *= 1.0 + 1e-15;
   EXPECT_FALSE(finer.body(OperatorKind::condensed, FactorBackend::cholmod, &before).kept());
   Sample moved;  // its side touches another unknown
-  moved.left.coeffRef(0, 2) = 1.0;
+  moved.left.coeffRef(0, 3) = 1.0;
   moved.left.makeCompressed();
   EXPECT_FALSE(moved.body(OperatorKind::condensed, FactorBackend::cholmod, &before).kept());
 }

@@ -278,15 +278,15 @@ def test_the_example_of_the_documentation(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_the_peak_pressure_of_hertz_from_twenty_elements() -> None:
-    """A cylinder pressed on a block (plane strain), a = R / 20; the edge of the contact zone is found on the way."""
+    """A cylinder pressed on a block (plane strain), a = R / 20; the contact zone is found on the way."""
     radius, half_width, modulus = 1.0, 0.05, 1000.0 / (1.0 - 0.09) / 2.0
 
     def disc(sizes: SizeField | None) -> Part:
         with gmsh_session() as gmsh:
             g = gmsh.model.geo
             angle = 0.5
-            ends = [(0, radius), (0, 0), (radius * np.sin(angle), radius * (1 - np.cos(angle))), (radius, radius)]
-            c, low, middle, right = (g.addPoint(x, y, 0) for x, y in ends)
+            ends = [(0.0, 1.0), (0.0, 0.0), (np.sin(angle), 1.0 - np.cos(angle)), (1.0, 1.0)]
+            c, low, middle, right = (g.addPoint(radius * x, radius * y, 0) for x, y in ends)
             arcs = [g.addCircleArc(low, c, middle), g.addCircleArc(middle, c, right)]
             lines = [g.addLine(c, low), *arcs, g.addLine(right, c)]
             face = g.addPlaneSurface([g.addCurveLoop(lines)])
