@@ -10,7 +10,7 @@ import pytest
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.assemble import assemble, assembled_again
 from dolfinx_frontend.common.compat import cell_nodes, create_mesh
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry import SizeField, from_gmsh, gmsh_session, remeshable
@@ -219,6 +219,24 @@ def test_a_budget_ends_it_with_a_word() -> None:
     assert made.in_all > 1e-4  # and says what is left
     timed = solve(corner_scene(), accuracy=1e-4, quantity="joint", max_seconds=1e-3, progress=False).errors()
     assert len(timed.steps) == 1 and any("budget of 0.001 s" in note for note in timed.notes)
+
+
+def test_ctrl_c_returns_the_last_answer_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    count = 0
+
+    def pressed_later(*given, **named):
+        nonlocal count
+        count += 1
+        if count > 1:
+            raise KeyboardInterrupt
+        return assembled_again(*given, **named)
+
+    monkeypatch.setattr("dolfinx_frontend.estimate.meshes.assembled_again", pressed_later)
+    result = solve(corner_scene(), accuracy=1e-4, quantity="joint", progress=False)
+    made = result.errors()
+    assert len(made.steps) == 2 and not made.reached
+    assert made.discretisation is not None and made.relative("discretisation") > 1e-4
+    assert any("Ctrl-C" in note for note in made.notes)
 
 
 def test_what_can_have_no_finer_mesh_is_named() -> None:
