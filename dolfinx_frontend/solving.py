@@ -20,6 +20,7 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
+from dolfinx_frontend.estimate.meshes import solve_scene
 from dolfinx_frontend.kernel.running import check_running
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -27,6 +28,7 @@ from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Interest
 from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.solvers.deterministic import solve_once, start_states
@@ -48,6 +50,23 @@ __all__ = [
     "sweep",
     "tensor_quadrature",
 ]
+
+
+@overload
+def solve(
+    problem: Scene,
+    method: Method = "auto",
+    *,
+    accuracy: float,
+    quantity: Interest = None,
+    times: npt.ArrayLike | None = None,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    max_unknowns: int | None = None,
+    max_seconds: float | None = None,
+    progress: bool = True,
+) -> Result | SampleResult: ...
 
 
 @overload
@@ -119,7 +138,7 @@ def solve(
 
 @together("solve")
 def solve(
-    problem: Problem,
+    problem: Problem | Scene,
     method: Method = "auto",
     *,
     chaos: Chaos | int | None = None,
@@ -135,13 +154,16 @@ def solve(
     accuracy: float | None = None,
     quantity: Interest = None,
     meshes: bool = True,
+    max_unknowns: int | None = None,
+    max_seconds: float | None = None,
 ) -> Result | SampleResult:
     """Solve a problem.
 
     Parameters
     ----------
     problem
-        From :func:`dolfinx_frontend.assemble`.
+        From :func:`dolfinx_frontend.assemble`; or, with `accuracy`, a :class:`Scene`: then its meshes are a
+        part of the answer, and are made finer where they decide.
     method, active, direction, options
         As :func:`dolfinx_frontend.make_plan` takes them; or
     chaos
@@ -172,6 +194,9 @@ def solve(
         interface (its normal force), or ``"energy"`` (None).
     meshes
         With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
+    max_unknowns, max_seconds
+        Of a scene: the budget of its meshes, in unknowns of all parts (None: 400 000) and in seconds (None:
+        no limit). Where it ends, ``result.errors()`` says what is left.
 
     Returns
     -------
@@ -198,11 +223,31 @@ def solve(
         Parts that have lost their support, see :mod:`dolfinx_frontend.solvers.support`.
     """
     settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
+    check_running("solve", callback, progress)
+    if isinstance(problem, Scene) and accuracy is not None:
+        given_too = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
+        for name, value in (given_too | {"meshes": None if meshes else meshes}).items():
+            if value is not None:
+                raise SceneError(
+                    f"solve(scene, accuracy={short(accuracy)}) decides on the meshes: leave {name} out"
+                )
+        return solve_scene(
+            problem,
+            accuracy,
+            quantity,
+            method,
+            max_unknowns=max_unknowns,
+            max_seconds=max_seconds,
+            progress=progress,
+            **settings,
+        )
     check_problem("solve", problem, plan)
+    assert isinstance(problem, Problem)  # a scene was refused
+    if max_unknowns is not None or max_seconds is not None:
+        raise SceneError("max_unknowns and max_seconds are the budget of meshes: solve(scene, accuracy=...)")
     told = {"chaos": chaos, "indefinite": indefinite, "accuracy": accuracy, "quantity": quantity}
     given = {"plan": plan is None, "start": start is None, "meshes": meshes, "callback": callback is None}
     check_settings("solve", plan, method, **settings)
-    check_running("solve", callback, progress)
     checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
     checked_flag("solve", "meshes", meshes)
     start_states(start)

@@ -78,6 +78,8 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "geometry": (
         "parts",
+        "sizes",
+        "finer",
         "primitives",
         "session",
         "meshed",
@@ -114,7 +116,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "assemble",
     ),
     "plan": ("random_laws", "ties", "reduction", "cost", "coarse", "plan"),
-    "kernel": ("user_laws", "bridge", "running", "columns", "solver", "fingerprint"),
+    "kernel": ("user_laws", "bridge", "running", "columns", "solver", "carry", "fingerprint"),
     "reference": ("cholesky", "direct", "galerkin", "energy"),
     "formats": ("hdf5", "layout", "chaos_file", "openturns", "vtk", "meshes"),
     "results": (
@@ -156,7 +158,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "galerkin",
         "export",
     ),
-    "estimate": ("recovery", "mesh_error", "errors", "points", "adaptive"),
+    "estimate": ("recovery", "mesh_error", "errors", "points", "adaptive", "finer", "meshes"),
     "inference": (
         "inputs",
         "points",

@@ -50,7 +50,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
 from dolfinx_frontend.scene.values import is_random_field, is_uncertain
 
-__all__ = ["assemble"]
+__all__ = ["assemble", "assembled_again"]
 
 _log = logging.getLogger(__name__)
 
@@ -99,7 +99,24 @@ def assemble(
         return _checked_assembly(scene, progress, comm)
 
 
-def _checked_assembly(scene: Scene, progress: Callable[[str], None] | None, comm: Any) -> Problem:
+def assembled_again(scene: Scene, before: Problem, progress: Callable[[str], None] | None = None) -> Problem:
+    """Assemble a scene of which some parts were assembled before; on one rank.
+
+    Parts with the same mesh and degree are the same objects again, and so are interfaces between these that
+    nothing else changes.
+
+    Parameters
+    ----------
+    before
+        Of the same scene with other meshes of some parts.
+    """
+    # inertia relief changes the loads of all parts
+    return _checked_assembly(scene, progress, None, before if scene.densities is None else None)
+
+
+def _checked_assembly(
+    scene: Scene, progress: Callable[[str], None] | None, comm: Any, before: Problem | None = None
+) -> Problem:
     check_kind("assemble", "scene", scene, Scene, "give a Scene, which describes the parts and interfaces")
     if progress is not None:
         checked_callable("assemble", "progress", progress, "give a function of a line, or None")
@@ -116,7 +133,7 @@ def _checked_assembly(scene: Scene, progress: Callable[[str], None] | None, comm
             if progress is not None:
                 progress(line)
 
-        problem = _assemble(scene, say, comm)
+        problem = _assemble(scene, say, comm, before)
     if first:
         _log.info(
             "assembled %d unknowns in %d substructures, %d interfaces, %.2f s",
@@ -128,7 +145,9 @@ def _checked_assembly(scene: Scene, progress: Callable[[str], None] | None, comm
     return problem
 
 
-def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
+def _assemble(
+    scene: Scene, say: Callable[[str], None], comm: Any, before: Problem | None = None
+) -> Problem:
     if comm is None and MPI.COMM_WORLD.size > 1:
         warn(
             f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
@@ -151,7 +170,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     rank = 0 if comm is None else comm.rank
 
     _check_ties(scene, owner)
-    substructures, copies = _own_parts(scene, owner, rank, say, comm)
+    substructures, copies = _own_parts(scene, owner, rank, say, comm, before)
     elsewhere = swap(comm, copies)
     with agreement(comm):
         held = held_nodes(scene, substructures, elsewhere)
@@ -160,7 +179,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
             for other, faces in copies.items()
         }
     held.update({where: each for where, each in swap(comm, told).items() if each is not None})
-    interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm)
+    interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm, before)
     if scene.densities is not None:
         interfaces = {**interfaces, **_relief_supports(scene, substructures, comm)}
     summaries = {name: summary(s) for name, s in substructures.items()}
@@ -194,7 +213,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         loads = {name: relief.load_balanced(each) for name, each in loads.items()}
         substructures = relief.parts_balanced()
     if comm is None:
-        return Problem(substructures, interfaces, None, loads)
+        return Problem(substructures, interfaces, None, loads, dict(held))
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
     return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)), loads)
@@ -295,8 +314,45 @@ _Where = tuple[str, int]
 """An interface, and the number of a side of it."""
 
 
+def _known(before: Problem | None, spec: SubstructureSpec) -> Substructure | None:
+    """A part as it was assembled before; None: it has another mesh or degree now."""
+    part = None if before is None else before.substructures.get(spec.name)
+    if part is None or part.part is not spec.part:
+        return None
+    return part if int(part.space.element.basix_element.degree) == spec.degree else None
+
+
+def _same_held(one: Held | None, other: Held | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return all(np.array_equal(getattr(one, n), getattr(other, n)) for n in ("nodes", "directions", "least"))
+
+
+def _known_interface(
+    before: Problem | None,
+    spec: InterfaceSpec,
+    substructures: Mapping[str, Substructure],
+    held: Mapping[_Where, Held],
+) -> Interface | None:
+    """An interface as it was assembled before; None: something of it is new."""
+    if before is None or spec.name not in before.interfaces:
+        return None
+    for number, face in enumerate(spec.faces):
+        part = face.substructure
+        if substructures[part] is not before.substructures.get(part):
+            return None
+        if not _same_held(held.get((spec.name, number)), before.held.get((spec.name, number))):
+            return None
+    return before.interfaces[spec.name]
+
+
 def _own_parts(
-    scene: Scene, owner: Mapping[str, int], rank: int, say: Callable[[str], None], comm: Any
+    scene: Scene,
+    owner: Mapping[str, int],
+    rank: int,
+    say: Callable[[str], None],
+    comm: Any,
+    before: Problem | None,
 ) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy]]]:
     """Parts of this rank, and what others need of them (other rank -> (interface, side) -> face)."""
     substructures: dict[str, Substructure] = {}
@@ -307,7 +363,7 @@ def _own_parts(
             if owner[name] == rank:
                 say(f"substructure {name}")
                 specs[name] = spec.made()
-                substructures[name] = discretise(specs[name])
+                substructures[name] = _known(before, specs[name]) or discretise(specs[name])
         for name, joint in scene.interfaces.items():
             for face in joint.faces:
                 if owner[face.substructure] == rank and (joint.remote is None or joint.remote.node is None):
@@ -353,6 +409,7 @@ def _own_interfaces(
     held: Mapping[_Where, Held],
     say: Callable[[str], None],
     comm: Any,
+    before: Problem | None,
 ) -> dict[str, Interface]:
     """Interfaces that touch this rank; `elsewhere` has the faces that are on other ranks."""
     interfaces = {}
@@ -362,6 +419,10 @@ def _own_interfaces(
             if rank not in ranks:
                 continue
             say(f"interface {name}")
+            known = _known_interface(before, joint, substructures, held)
+            if known is not None:
+                interfaces[name] = known
+                continue
             if joint.remote is not None:
                 parts = tuple(substructures[face.substructure] for face in joint.faces)
                 interfaces[name] = remote_interface(joint, parts)

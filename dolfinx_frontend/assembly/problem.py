@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
@@ -44,13 +45,15 @@ class Problem(OneProcess):
     """An assembled scene.
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
-    which those that touch no part of this rank have no traces here.
+    which those that touch no part of this rank have no traces here. `held` is what else holds the nodes of a
+    side of an interface.
     """
 
     substructures: dict[str, Substructure]
     interfaces: dict[str, Interface]
     distribution: Distribution | None = field(default=None, repr=False)
     loads: dict[str, PartLoad] = field(default_factory=dict)
+    held: dict[tuple[str, int], Held] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)

@@ -73,7 +73,7 @@ from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_c
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["solve_to_accuracy"]
+__all__ = ["solve_to_accuracy", "tight_enough"]
 
 _log = logging.getLogger(__name__)
 
@@ -147,6 +147,8 @@ def solve_to_accuracy(
     direction: Direction | float | None = None,
     options: Options | None = None,
     meshes: bool = True,
+    known: ErrorShare | None = None,
+    first: ChaosResult | None = None,
 ) -> Result | SampleResult:
     """Solve until the error of a quantity is at most `accuracy`.
 
@@ -159,6 +161,10 @@ def solve_to_accuracy(
     meshes
         Estimate the error of the meshes, too: what it makes invisible is not computed. False: only
         algebraic and truncation error.
+    known
+        The error of the meshes, where it was measured before.
+    first
+        A chaos of order 1 of the problem, where there is one.
 
     Returns
     -------
@@ -178,7 +184,7 @@ def solve_to_accuracy(
     if random.every:
         if of_one is not None and active is None and of_one not in random.interfaces:
             active = [of_one]
-        first = solve_chaos(
+        first = first or solve_chaos(
             problem,
             Chaos(order=1, check_points=0),
             method,
@@ -188,19 +194,26 @@ def solve_to_accuracy(
             options=options,
             estimator=errors,
         )
-        return _Search(first, accuracy, what).answer(meshes)
+        return _Search(first, accuracy, what, known).answer(meshes)
     plan = make_plan(problem, method, active, (), direction, options, times=times)
-    return _tight_enough(solve_once(problem, plan, estimator=errors), accuracy, what, meshes)
+    return tight_enough(solve_once(problem, plan, estimator=errors), accuracy, what, meshes, known)
 
 
-def _tight_enough(result: Result, accuracy: float, quantity: Wanted | None, meshes: bool) -> Result:
-    """A deterministic run carried on until its algebraic error is small enough."""
-    of_meshes: ErrorShare | None = None
+def tight_enough(
+    result: Result,
+    accuracy: float,
+    quantity: Wanted | None,
+    meshes: bool = True,
+    known: ErrorShare | None = None,
+) -> Result:
+    """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`."""
+    of_meshes = known
     notes: tuple[str, ...] = ()
     made = not_known(result, quantity)
     try:
         complete(result)
-        of_meshes = error_of_meshes(result, quantity) if meshes else None
+        if meshes and known is None:
+            of_meshes = error_of_meshes(result, quantity)
         target = _visible(accuracy, of_meshes, quantity, result)
         made = _settled(result, quantity)
         iterated = bool(result.plan.active)
@@ -218,13 +231,15 @@ def _tight_enough(result: Result, accuracy: float, quantity: Wanted | None, mesh
 def _visible(
     accuracy: float, of_meshes: ErrorShare | None, quantity: Wanted | None, result: Result
 ) -> float:
-    """Target of the other errors: the accuracy, but not less than a tenth of the error of the meshes."""
+    """Target of the other errors: what the meshes leave of the accuracy; a tenth of their error at least."""
     if of_meshes is None:
         return accuracy
     relative = of_meshes.energy
     if quantity is not None and of_meshes.quantity is not None:
         relative = share_of(of_meshes.quantity, result.mean_std(quantity).mean)
-    return float(np.clip(0.1 * relative, accuracy, 0.5)) if isfinite(relative) else accuracy
+    if not isfinite(relative):
+        return accuracy
+    return min(max(0.1 * relative, accuracy - relative), 0.5)
 
 
 def _settled(result: Result, quantity: Wanted | None) -> Errors:
@@ -263,8 +278,8 @@ def _with_errors(
             f"the meshes leave {shown_error(made.relative('discretisation'))}, more than asked: "
             "refine them",
         )
-    if made.total > accuracy:
-        notes += (f"the accuracy was not reached: {shown_error(made.total)} is left",)
+    if made.in_all > accuracy:
+        notes += (f"the accuracy was not reached: {shown_error(made.in_all)} is left",)
     if halving is not None and INTERRUPTED not in notes:
         made = replace(made, next_halving=halving(made))
     for note in notes if result.problem.rank == 0 else ():
@@ -285,13 +300,19 @@ class _Search:
         How much worse the quantity is than the energy norm.
     """
 
-    def __init__(self, first: ChaosResult, accuracy: float, quantity: Wanted | None) -> None:
+    def __init__(
+        self,
+        first: ChaosResult,
+        accuracy: float,
+        quantity: Wanted | None,
+        of_meshes: ErrorShare | None = None,
+    ) -> None:
         self.result = first
         self.accuracy = self.target = accuracy
         self.quantity = quantity
         self.rtol = first.plan.options.rtol
         self.gain = 1.0
-        self.of_meshes: ErrorShare | None = None
+        self.of_meshes = of_meshes
         self.of_fields: ErrorShare | None = None
         self.seen: Witnesses | None = None
         self.per_point = np.inf
@@ -308,7 +329,7 @@ class _Search:
     def _answer(self, meshes: bool) -> ChaosResult | SampleResult:
         self._calibrate()
         result, quantity = self.result, self.quantity
-        if meshes:
+        if meshes and self.of_meshes is None:
             self.of_meshes = error_of_meshes(result, quantity)
         self.target = _visible(self.accuracy, self.of_meshes, quantity, result)
         self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))

@@ -72,6 +72,11 @@ class DiscretisationError:
         Substructure -> its contribution to `correction`.
     seconds
         Wall time: ``recovery`` and ``dual`` (the solve for the quantity).
+    cells
+        Part of this rank -> (cells,), what each cell contributes without its sign: the square roots of
+        a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide.
+    norm
+        sqrt(a(u_h)), the energy norm of the result.
     """
 
     energy: float
@@ -82,6 +87,8 @@ class DiscretisationError:
     bound: float | None = None
     shares: dict[str, float] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
+    cells: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
+    norm: float = field(default=0.0, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -164,10 +171,10 @@ def discretisation_error(
     z = {} if dual is None else dual.solve()
     solved = perf_counter()
     with agreement(problem.comm), np.errstate(over="ignore", invalid="ignore"):  # told below
-        found = {
-            name: _Errors.of(part, fields[name], z.get(name))
-            for name, part in problem.own.substructures.items()
-        }
+        cells: dict[str, Array] = {}
+        found = {}
+        for name, part in problem.own.substructures.items():
+            found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
     if problem.comm is not None:
         found = {n: each for some in exchanged(problem.comm, found) for n, each in some.items()}
     found = {name: found[name] for name in problem.parts}
@@ -182,7 +189,7 @@ def discretisation_error(
     total = sum(found.values(), start=_Errors())
     energy = float(np.sqrt(total.error)) / whole if whole else 0.0
     if quantity is None:
-        return DiscretisationError(energy, parts, seconds=seconds)
+        return DiscretisationError(energy, parts, seconds=seconds, cells=cells, norm=whole)
     return DiscretisationError(
         energy,
         parts,
@@ -192,6 +199,8 @@ def discretisation_error(
         float(np.sqrt(total.error * total.of_dual)),
         {name: each.product for name, each in found.items()},
         seconds,
+        cells,
+        whole,
     )
 
 
@@ -206,15 +215,16 @@ class _Errors:
     squares: float = 0.0
 
     @classmethod
-    def of(cls, part: Substructure, u: Array, z: Array | None) -> _Errors:
+    def of(cls, part: Substructure, u: Array, z: Array | None) -> tuple[_Errors, Array]:
+        """The sums, and what each cell contributes without its sign."""
         by_cell = recovery(part).energies([u] if z is None else [u, z])
         norm, error = float(u @ (part.matrix @ u)), float(by_cell[0, 0].sum())
         if z is None:
-            return cls(norm, error)
+            return cls(norm, error), by_cell[0, 0]
         product = by_cell[0, 1]
-        return cls(
-            norm, error, float(by_cell[1, 1].sum()), float(product.sum()), float(product @ product)
-        )
+        sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))
+        sums = cls(norm, error, float(by_cell[1, 1].sum()), float(product.sum()), float(product @ product))
+        return sums, sizes
 
     def __add__(self, other: _Errors) -> _Errors:
         return _Errors(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))

@@ -238,19 +238,19 @@ class Recovery:
             (fields, fields, cells): the sum over the cells is the product, on the diagonal the square of the
             estimated error in the energy norm.
         """
-        form, (g, w, h, v) = self._form
+        form, (g, w, h, v), place = self._form
         gradients = [self.recovered(u, g.function_space).x.array for u in fields]
         out = np.zeros((len(fields), len(fields), len(self.dofs)))
         for i, u in enumerate(fields):
             w.x.array[:], g.x.array[:] = u, gradients[i]
             for j, z in enumerate(fields):
                 v.x.array[:], h.x.array[:] = z, gradients[j]
-                out[i, j] = fem.assemble_vector(form).array if j >= i else out[j, i]
+                out[i, j] = fem.assemble_vector(form).array[place] if j >= i else out[j, i]
         return out
 
     @cached_property
-    def _form(self) -> tuple[Any, tuple[Any, Any, Any, Any]]:
-        """The material's form of the errors of two gradients, and its coefficients."""
+    def _form(self) -> tuple[Any, tuple[Any, Any, Any, Any], Ints]:
+        """The material's form of the errors of two gradients, its coefficients, the entry of each cell."""
         part, mesh, d = self.part, self.part.part.mesh, self.dim
         if part.integrand is None:
             raise SceneError(
@@ -265,7 +265,8 @@ class Recovery:
             order = int(coordinate_map(mesh).degree)
             integrand = integrand * ufl.dx(domain=mesh, degree=2 * (self.degree + order - 1))
         # terms with values instead of gradients are of higher order
-        one = ufl.TestFunction(fem.functionspace(mesh, ("DG", 0)))
+        constants = fem.functionspace(mesh, ("DG", 0))
+        one = ufl.TestFunction(constants)
         of_cells = ufl.Form(
             [
                 integral.reconstruct(integrand=one * integral.integrand())
@@ -275,4 +276,5 @@ class Recovery:
         )
         lowered = apply_derivatives(apply_algebra_lowering(of_cells))
         swap = {ufl.grad(w): g - ufl.grad(w), ufl.grad(v): h - ufl.grad(v), w: 0 * w, v: 0 * v}
-        return fem.form(ufl.replace(lowered, swap)), (g, w, h, v)
+        place = np.asarray(constants.dofmap.list, dtype=np.int64).ravel()
+        return fem.form(ufl.replace(lowered, swap)), (g, w, h, v), place

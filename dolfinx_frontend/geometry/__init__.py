@@ -9,15 +9,18 @@ no degree of freedom: what connects them is an interface of the scene.
 :func:`from_gmsh`      any gmsh model with physical groups
 :func:`read_msh`       the same from a file
 :func:`read_step`      the solids of a STEP file, and where they touch
+:func:`remeshable`     a function that can mesh its part again with other sizes
 =====================  ===========================================================================
 
 Lengths are in the unit of the coordinates.
 """
 
+from dolfinx_frontend.geometry.finer import remeshable
 from dolfinx_frontend.geometry.gmsh import from_gmsh, read_msh
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.primitives import box
 from dolfinx_frontend.geometry.session import gmsh_session
+from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut, Solid, Surface
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
 from dolfinx_frontend.geometry.touching import Touch
@@ -28,6 +31,7 @@ __all__ = [
     "Cut",
     "FREE",
     "Part",
+    "SizeField",
     "Solid",
     "StepAssembly",
     "Surface",
@@ -37,4 +41,5 @@ __all__ = [
     "gmsh_session",
     "read_msh",
     "read_step",
+    "remeshable",
 ]

@@ -45,11 +45,15 @@ class Part(OneProcess):
         One tag for every exterior facet.
     names
         Face name -> tag.  Facets without a name of their own are in the face :data:`FREE`.
+    again
+        Meshes the same geometry with other sizes (:class:`SizeField`), with the same faces; None: only the
+        cells that there are can be cut, see :func:`remeshable`.
     """
 
     mesh: dmesh.Mesh
     facet_tags: dmesh.MeshTags
     names: dict[str, int]
+    again: Callable[[Any], Part] | None = None
 
     @property
     def _instead(self) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.meshing import OPTIONS, generate
 from dolfinx_frontend.geometry.session import gmsh_session
+from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut, Loaded, Solid, load, nearest, solids_of
 from dolfinx_frontend.geometry.touching import Touch, touching
 
@@ -78,6 +79,8 @@ class Recipe:
         Largest cells of a part, and on surfaces: length.
     per_turn, order
         See :meth:`StepAssembly.mesh`.
+    again
+        One part that is meshed alone, with these sizes; None: all parts, with theirs.
     """
 
     solids: dict[str, Solid]
@@ -86,6 +89,7 @@ class Recipe:
     local: list[tuple[tuple[int, ...], float]]
     per_turn: int
     order: int
+    again: tuple[str, SizeField] | None = None
 
 
 def survey(say: Say, source: Source, gap: float | None) -> Survey:
@@ -112,13 +116,28 @@ def mesh(say: Say, source: Source, recipe: Recipe) -> Meshed:
         model = gmsh.model
         loaded = _load(gmsh, say, source)
         _check_same(model, loaded, source.path, recipe.solids)
+        if recipe.again is not None:
+            loaded = _only(gmsh, loaded, recipe.again[0])
         for name, tags in loaded.volumes.items():
             model.addPhysicalGroup(3, tags, name=name)
         for name, surfaces in recipe.faces.items():
-            model.addPhysicalGroup(2, sorted(surfaces), name=name)
-        _set_sizes(model, loaded, recipe)
+            if name.partition(":")[0] in loaded.volumes:
+                model.addPhysicalGroup(2, sorted(surfaces), name=name)
+        if recipe.again is None:
+            _set_sizes(model, loaded, recipe)
+        else:
+            recipe.again[1].set(gmsh)
         generate(gmsh, loaded, recipe.order, say)
         return meshed(model)
+
+
+def _only(gmsh: Any, loaded: Loaded, name: str) -> Loaded:
+    """The model with one part, so that nothing else is meshed."""
+    model, tags = gmsh.model, loaded.volumes[name]
+    model.setVisibility(model.getEntities(), 0)
+    model.setVisibility([(3, tag) for tag in tags], 1, recursive=True)
+    gmsh.option.setNumber("Mesh.MeshOnlyVisible", 1)
+    return replace(loaded, volumes={name: tags})
 
 
 def mesh_file(say: Say, path: Path) -> Meshed:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
@@ -42,8 +42,9 @@ from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.geometry.away import away, check_timeout
 from dolfinx_frontend.geometry.gmsh import assembled
 from dolfinx_frontend.geometry.meshing import some
-from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection
+from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.reading import Recipe, Source, Survey
+from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut, Solid, Surface, matching, vector
 from dolfinx_frontend.geometry.touching import Touch
 from dolfinx_frontend.scene.laws import Law
@@ -327,7 +328,10 @@ class StepAssembly:
                 source=self._source,
                 recipe=recipe,
             )
-        parts = assembled(model).parts
+        parts = {
+            name: replace(part, again=_MeshedAgain(self.path, self._source, recipe, name, timeout))
+            for name, part in assembled(model).parts.items()
+        }
         kinds = {name: j.law.drawn for name, j in self._joins.items() if j is not None}
         connections = tuple(Connection(n, kinds[n], *self._faces[n]) for n in self.touches if n in kinds)
         parameters = {"path": str(self.path), "per_turn": per_turn, "order": order}
@@ -488,6 +492,31 @@ def read_step(
         )
     touches = {t.name: t for t in found.touches}
     return StepAssembly(file, found.solids, touches, found.gap, source, _alone=found.alone)
+
+
+@dataclass(frozen=True)
+class _MeshedAgain:
+    """Meshes one part of a file with other sizes, in a process of its own."""
+
+    path: Path
+    source: Source
+    recipe: Recipe
+    part: str
+    timeout: float | None
+
+    def __call__(self, size: SizeField | None) -> Part:
+        if size is None:
+            raise SceneError(f"part {self.part!r}: step.mesh() makes its first mesh; give a SizeField")
+        model = away(
+            "mesh",
+            self.path,
+            f"cannot be meshed again in part {self.part!r}",
+            "give smaller sizes, or fix the geometry",
+            self.timeout,
+            source=self.source,
+            recipe=replace(self.recipe, again=(self.part, size)),
+        )
+        return replace(assembled(model).parts[self.part], again=self)
 
 
 def _contact_faces(touches: Any) -> dict[tuple[str, str], tuple[int, ...]]:

@@ -369,8 +369,10 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
 
 
 @alone
-def build(problem: Problem, plan: Plan) -> Built:
+def build(problem: Problem, plan: Plan, before: Structure | None = None) -> Built:
     """Bodies and active interfaces of a plan, factorised: all that does not depend on :func:`laws`.
+
+    Bodies that `before` has, but for their interfaces, keep their factors.
 
     Raises
     ------
@@ -399,6 +401,7 @@ def build(problem: Problem, plan: Plan) -> Built:
         backend=options.backend,
         memory_limit=options.memory_limit,
         comm=None if comm is None else comm.py2f(),
+        before=before,
     )
     _log.info(
         "factorised %d bodies with %d unknowns (%s), %d rows on %d active interfaces, %.2f s",

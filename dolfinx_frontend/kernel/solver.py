@@ -20,6 +20,7 @@ from latin_core import (
     Linearised,
     Options,
     State,
+    Structure,
     Summary,
     SweepPoints,
     SweptParameter,
@@ -44,7 +45,8 @@ _log = logging.getLogger(__name__)
 class Solver:
     """Factorised bodies and active interfaces of a plan.
 
-    Several threads may use one solver at once.
+    Several threads may use one solver at once. Bodies that the solver `before` has as well, but for their
+    interfaces, keep their factors.
 
     Attributes
     ----------
@@ -62,7 +64,7 @@ class Solver:
         Seconds, numbers and unknowns of every body.
     """
 
-    def __init__(self, problem: Problem, plan: Plan) -> None:
+    def __init__(self, problem: Problem, plan: Plan, before: Solver | None = None) -> None:
         problem.check_alike(
             "factorise",
             laws=True,
@@ -77,7 +79,9 @@ class Solver:
         )
         self.problem = problem
         self.plan = plan
-        self._core, own, acting = bridge.build(problem, plan)
+        known: Structure | None = None if before is None else before._core
+        self._core: Structure
+        self._core, own, acting = bridge.build(problem, plan, known)
         self.acting = ReadOnlyDict(acting)
         every = [own] if problem.comm is None else exchanged(problem.comm, own)
         self.bodies = tuple(body for bodies in every for body in bodies)

@@ -17,6 +17,8 @@ __all__ = [
     "Errors",
     "Estimator",
     "MeanStd",
+    "MeshStep",
+    "Place",
     "Source",
     "not_continued",
     "not_measured",
@@ -55,6 +57,62 @@ class ErrorShare:
     how: str = ""
 
 
+class Place(NamedTuple):
+    """Where an error of the meshes is from.
+
+    Attributes
+    ----------
+    part
+        Its name.
+    share
+        What its cells contribute, of all that cells contribute: 0..1.
+    at
+        Where in it, (d,): the middle of the cell that contributes most.
+    cells, size
+        How many cells it has, and the length of the edges of the smallest one.
+    """
+
+    part: str
+    share: float
+    at: tuple[float, ...]
+    cells: int
+    size: float
+
+
+class MeshStep(NamedTuple):
+    """One mesh on the way to an accuracy.
+
+    Attributes
+    ----------
+    unknowns
+        Of all parts.
+    value
+        The quantity, at the means of what is random; None: the energy norm was asked for.
+    error
+        Relative error of the meshes, as it is believed.
+    seconds
+        Wall time from the beginning until it was known.
+    changed
+        Parts that had got new meshes for it, and how.
+    kept
+        Bodies whose factors were kept, of how many.
+    """
+
+    unknowns: int
+    value: float | None
+    error: float
+    seconds: float
+    changed: dict[str, str]
+    kept: tuple[int, int]
+
+    def __str__(self) -> str:
+        value = "" if self.value is None else f", value {self.value:.6g}"
+        changed = ", ".join(f"{name} {how}" for name, how in self.changed.items())
+        kept = f" (factors kept: {self.kept[0]} of {self.kept[1]})" if changed and self.kept[0] else ""
+        text = f"{self.unknowns} unknowns{value}, meshes {shown_error(self.error)}"
+        return text + (f"; {changed}{kept}" if changed else "")
+
+
 @dataclass(frozen=True, repr=False)
 class Errors:
     """Errors of an answer by their source.
@@ -76,6 +134,10 @@ class Errors:
         What would halve the dominating error, and its predicted cost.
     notes
         What a reader must know: sources that could not be reduced as asked.
+    places
+        Parts that the error of the meshes is from, the largest share first (``solve(scene, accuracy=...)``).
+    steps
+        The meshes on the way to the answer, of the same.
     """
 
     algebraic: ErrorShare
@@ -88,6 +150,8 @@ class Errors:
     next_halving: str = ""
     notes: tuple[str, ...] = ()
     field: ErrorShare | None = None
+    places: tuple[Place, ...] = ()
+    steps: tuple[MeshStep, ...] = ()
 
     def relative(self, source: Source) -> float:
         """One error, relative: the larger of mean and deviation, or that in the energy norm; 0: none."""
@@ -112,13 +176,18 @@ class Errors:
         return self.relative("algebraic") + self.relative("truncation") + self.relative("field")
 
     @property
+    def in_all(self) -> float:
+        """The same with the error of the meshes, as far as it is known."""
+        return self.total + self.relative("discretisation")
+
+    @property
     def reached(self) -> bool:
         """Whether the accuracy that was asked for is reached; the meshes count as far as they are known."""
-        return self.asked is None or max(self.total, self.relative("discretisation")) <= self.asked
+        return self.asked is None or self.in_all <= self.asked
 
     def __repr__(self) -> str:
         of = "the energy norm" if self.quantity is None else str(self.quantity)
-        return f"Errors(of {of}: {shown_error(self.total)} in all, most of it {self.dominating})"
+        return f"Errors(of {of}: {shown_error(self.in_all)} in all, most of it {self.dominating})"
 
     def __str__(self) -> str:
         where = "energy norm" if self.quantity is None else str(self.quantity)
@@ -132,6 +201,13 @@ class Errors:
                 mark = "  <- dominates" if source == self.dominating else ""
                 relative = self.relative(source)
                 lines.append(f"  {source:<15}{shown_error(relative):>9}  ({share.how}){mark}")
+        for place in self.places:
+            at = ", ".join(f"{v:.4g}" for v in place.at)
+            lines.append(
+                f"    {100.0 * place.share:3.0f} % of it in {place.part}, {place.cells} cells down to "
+                f"{place.size:.3g}, most near ({at})"
+            )
+        lines += [f"  mesh {number}: {step}" for number, step in enumerate(self.steps, start=1)]
         if self.next_halving:
             lines.append(f"  half of it: {self.next_halving}")
         return "\n".join(lines + [f"  {note}" for note in self.notes])

@@ -14,6 +14,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel.carry import carried
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run
@@ -35,15 +36,21 @@ def solve_once(
     progress: bool = True,
     estimator: Estimator = not_measured,
     others: Iterable[Plan] = (),
+    before: Result | None = None,
 ) -> Result:
     """Build what a plan says and run its iteration; arguments as for :func:`dolfinx_frontend.solve`.
+
+    `before` is a result of the same scene on other meshes: parts that kept theirs keep their factors, and the
+    iteration starts from its fields.
 
     A run that gives up is made again from nothing by the other plans, one after the other until one of them
     converges.
     """
     began = perf_counter()
     given = start_states(start)
-    solver = Solver(problem, plan)
+    solver = Solver(problem, plan, None if before is None else before.solver)
+    if before is not None and not given:
+        given = carried(before.solver, before.state, solver)
     setup = perf_counter() - began
     check_start(given, solver, plan.columns)
     result = _run(solver, plan, given, setup, callback, progress, estimator)

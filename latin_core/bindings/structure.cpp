@@ -46,6 +46,10 @@ memory_limit
 comm
     An mpi4py communicator (or its Fortran handle) over which the bodies are spread, each on one rank; None: this
     rank alone.
+before
+    A structure made before: a body of the same name, members and springs whose sides touch the same unknowns takes
+    over its sparse factor, and only the dense one on these unknowns is made anew. Compared bit for bit; `costs` has
+    what was ``"kept"``.
 
 Raises
 ------
@@ -225,7 +229,8 @@ OperatorOptions operator_options(const std::string& kind, const std::string& bac
 
 std::shared_ptr<Structure> make_structure(py::handle bodies, py::handle interfaces,
                                           const std::string& kind, const std::string& backend,
-                                          py::handle memory_limit, py::handle comm) {
+                                          py::handle memory_limit, py::handle comm,
+                                          const std::shared_ptr<Structure>& before) {
   const OperatorOptions options =
       operator_options(kind, backend, to_number(memory_limit, "memory_limit"));
   auto all_bodies = to_values<BodyDescription>(bodies, "bodies", "Body");
@@ -233,13 +238,13 @@ std::shared_ptr<Structure> make_structure(py::handle bodies, py::handle interfac
   const latin::Communicator ranks = to_communicator(comm);
   const py::gil_scoped_release release;
   return std::make_shared<Structure>(std::move(all_bodies), std::move(all_interfaces), options,
-                                     ranks);
+                                     ranks, before.get());
 }
 
 py::dict cost_of(const Body& body) {
   const BodyCost& cost = body.cost();
   return py::dict("body"_a = body.name(), "unknowns"_a = body.size(), "active"_a = body.active(),
-                  "rows"_a = body.rows(), "condensed"_a = body.condensed(),
+                  "rows"_a = body.rows(), "condensed"_a = body.condensed(), "kept"_a = body.kept(),
                   "backend"_a = body.backend(), "assemble_s"_a = cost.assemble_s,
                   "factorise_s"_a = cost.factorise_s, "condense_s"_a = cost.condense_s,
                   "factor_numbers"_a = cost.factor_numbers, "dense_numbers"_a = cost.dense_numbers);
@@ -665,7 +670,7 @@ void bind_one_structure(py::module_& m) {
       "built from");
   cls.def(py::init(&make_structure), py::kw_only(), "bodies"_a, "interfaces"_a = py::tuple(),
           "operator"_a = "automatic", "backend"_a = "automatic", "memory_limit"_a = 0.0,
-          "comm"_a = py::none());
+          "comm"_a = py::none(), "before"_a = py::none());
   bind_facts(cls);
   bind_calls(cls);
 }

@@ -85,6 +85,9 @@ METHODS: dict[Method, str] = {
 }
 LEVELS = (1e-1, 1e-2, 1e-3, 1e-4)
 SEEDS = 4
+ADAPTED_UNKNOWNS, ADAPTED_SECONDS = 120_000, 90.0
+"""Budget of the meshes that follow the question."""
+
 KL_MODES = 6  # 80 % of the variance on the coarse mesh
 LUCK = 3.0
 TIE = 1.1
@@ -540,6 +543,15 @@ def measure(
         "accuracy": chosen,
     }
     mark_luck(record)
+    record["in_all"] = []
+    for wanted in asked if in_all else ():
+        row = adapted(scene, wanted, references, record)
+        record["in_all"].append(row)
+        over = "" if row["over_best"] is None else f", {row['over_best']:.1f} over the best by hand"
+        say(
+            f"  in all {percent(wanted)}: true {row['true']:.1e}, said {row['said']:.1e}, "
+            f"reached {row['reached']}, {row['units']:.1f} units, {row['unknowns']} unknowns{over}"
+        )
     return record
 
 
@@ -641,6 +653,56 @@ def automatic(
         **errors([found], references, on_base=True),
     }
     return row | {"error": None} if meshes else row | {"error_all": None}
+
+
+def uncertain(scene: Scene, mesh: Mesh) -> Any:
+    """The scene on a mesh with its random laws, before assembly."""
+    described = scene.describe(mesh)
+    for name, interface in scene.build(mesh).interfaces.items():
+        described.interfaces[name] = replace(described.interfaces[name], law=interface.law)
+    return described
+
+
+def adapted(
+    scene: Scene, accuracy: float, references: Mapping[str, Any], record: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What ``solve(scene, accuracy=...)`` makes of the coarsest mesh: meshes, chaos and iteration together.
+
+    `true` is against the fine mesh, whose own error is ``references["all"]["own_error"]``; `units` have
+    assembly, meshing and estimates; `over_best` is the cost over that of the cheapest mesh and setting by
+    hand whose error in all is as small (None: there is none).
+    """
+    mesh = replace(scene.base, size="coarse")
+    described = uncertain(scene, mesh)
+    timed = common.timed(
+        lambda: solve(
+            described,
+            accuracy=accuracy,
+            quantity=scene.quantity,
+            times=scene.times,
+            max_unknowns=ADAPTED_UNKNOWNS,
+            max_seconds=ADAPTED_SECONDS,
+        ),
+        1,
+        1.0,
+    )
+    made = timed.value.errors()
+    found = Moments(made.moments.mean, made.moments.std or 0.0)
+    units = timed.seconds / record["unit_s"]
+    best = cheapest(usable(record, in_all=True), accuracy, in_all=True)
+    return {
+        "asked": accuracy,
+        "true": found.error(_moments(references["all"])),
+        "said": made.in_all,
+        "reached": bool(made.reached),
+        "units": units,
+        "over_best": None if best is None else units / best["units_all"],
+        "mean": found.mean,
+        "std": found.std,
+        "unknowns": timed.value.problem.size,
+        "steps": [str(step) for step in made.steps],
+        "notes": list(made.notes),
+    }
 
 
 def _line(row: Mapping[str, Any]) -> str:

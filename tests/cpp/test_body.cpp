@@ -47,14 +47,16 @@ struct Sample {
   }
 
   [[nodiscard]] Body body(latin::substructure::OperatorKind kind,
-                          latin::algebra::FactorBackend backend) const {
+                          latin::algebra::FactorBackend backend,
+                          const Body* before = nullptr) const {
     const Matrix imposed = (Matrix(1, 2) << jump, 0.0).finished();  // of the first load pattern
     return {{"part",
              size,
              {{"part", latin::owning_view(stiffness), z, load, offset}},
              {{"ground", {0}, {ground}, Vector::Constant(1, kappa), imposed}}},
             {{0, left, weights, direction}, {0, right, weights, direction}},
-            {kind, backend, 0.0}};
+            {kind, backend, 0.0},
+            before};
   }
 };
 
@@ -267,4 +269,47 @@ TEST(Body, RefusesShapesThatDisagree) {
       Body({"bad", 5, {{"bad", chain::shared_bar(4), {}, chain::end_load(4, 1.0), {}}}, {}}, {},
            {}),
       latin::InputError);
+}
+
+TEST(BodyWithOtherSides, KeepsItsSparseFactor) {
+  using latin::algebra::FactorBackend;
+  using latin::substructure::OperatorKind;
+  if (latin::algebra::available_backends().find("cholmod") == std::string::npos) {
+    GTEST_SKIP() << "built without CHOLMOD";
+  }
+  const Sample first;
+  const Body before = first.body(OperatorKind::condensed, FactorBackend::cholmod);
+  EXPECT_FALSE(before.kept());
+  Sample other;
+  other.direction = (Vector(2) << 0.04, 50.0).finished();
+  other.weights = (Vector(2) << 0.7, 1.1).finished();
+  other.left *= 1.7;  // other traces, on the same unknowns
+  other.jump = 0.9;   // loads may differ
+  const Body fresh = other.body(OperatorKind::condensed, FactorBackend::cholmod);
+  const Body kept = other.body(OperatorKind::condensed, FactorBackend::cholmod, &before);
+  const Body again = other.body(OperatorKind::condensed, FactorBackend::cholmod, &kept);
+  EXPECT_TRUE(kept.kept());
+  EXPECT_TRUE(again.kept());
+  const Matrix data = random(4, 3, 7);
+  const Matrix amplitudes = random(2, 3, 8);
+  for (const Body* body : {&kept, &again}) {
+    EXPECT_LT((body->condensed_factor() - fresh.condensed_factor()).norm(),
+              1e-13 * fresh.condensed_factor().norm());
+    const Matrix one = fresh.displacements(data, amplitudes, fresh.response()).front();
+    const Matrix two = body->displacements(data, amplitudes, body->response()).front();
+    EXPECT_LT((one - two).norm(), 1e-12 * one.norm());
+    EXPECT_LT((body->response().traces - fresh.response().traces).norm(),
+              1e-12 * fresh.response().traces.norm());
+  }
+  // what changes inside is factorised anew
+  Sample stiffer;
+  stiffer.kappa = 0.8;
+  EXPECT_FALSE(stiffer.body(OperatorKind::condensed, FactorBackend::cholmod, &before).kept());
+  Sample finer;
+  finer.stiffness.coeffs() *= 1.0 + 1e-15;
+  EXPECT_FALSE(finer.body(OperatorKind::condensed, FactorBackend::cholmod, &before).kept());
+  Sample moved;  // its side touches another unknown
+  moved.left.coeffRef(0, 3) = 1.0;
+  moved.left.makeCompressed();
+  EXPECT_FALSE(moved.body(OperatorKind::condensed, FactorBackend::cholmod, &before).kept());
 }

@@ -14,6 +14,7 @@ import pytest
 
 from dolfinx_frontend import Contact, Elastic, LinearElastic, Perfect, Preload, assemble, read_step, solve
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.finer import size_field
 from dolfinx_frontend.geometry.session import gmsh_session
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly
@@ -418,3 +419,27 @@ def test_nothing_of_gmsh_stays_open(blocks: Path) -> None:
     assert not gmsh.isInitialized()
     ready(read_step(blocks)).mesh()
     assert not gmsh.isInitialized()
+
+
+def test_one_part_is_meshed_again_on_its_true_geometry(tmp_path: Path) -> None:
+    file = tmp_path / "two.step"
+    with gmsh_session("write") as gmsh:
+        pipe = gmsh.model.occ.cut(
+            [(3, gmsh.model.occ.addCylinder(0, 0, 0, 0, 0, 10, 5))],
+            [(3, gmsh.model.occ.addCylinder(0, 0, 0, 0, 0, 10, 3))],
+        )[0]
+        gmsh.model.occ.addBox(-6, -6, 10, 12, 12, 4)
+        gmsh.model.occ.synchronize()
+        assert pipe
+        gmsh.write(str(file))
+    step = read_step(file)
+    pipe_name = min(step.solids, key=lambda n: step.solids[n].volume)
+    step.size("*", 4.0)
+    part = step.mesh(order=1, per_turn=6).parts[pipe_name]
+    again = part.again(size_field(part.mesh, np.full(part.num_cells, 1.5)))
+    true = np.pi * (25.0 - 9.0) * 10.0
+    assert again.faces == part.faces and again.num_cells > 2 * part.num_cells
+    # an area of chords lacks a part that falls with their square
+    assert abs(again.volume() / true - 1.0) < 0.4 * abs(part.volume() / true - 1.0)
+    with pytest.raises(SceneError, match="step.mesh"):
+        part.again(None)

@@ -165,6 +165,7 @@ class BodyCost(TypedDict):
     active: int
     rows: int
     condensed: bool
+    kept: bool  # whether its sparse factor is that of the structure before
     backend: str
     assemble_s: float
     factorise_s: float
@@ -210,6 +211,7 @@ class Structure:
         backend: Backend = "automatic",
         memory_limit: float = 0.0,
         comm: Any = None,  # mpi4py communicator or its Fortran handle; None: this rank alone
+        before: Structure | None = None,  # whose factors serve again where only sides of a body differ
     ) -> None: ...
     @property
     def rows(self) -> int: ...

@@ -13,6 +13,7 @@
 
 #include "latin/algebra/eigenvectors.hpp"
 #include "latin/algebra/sparse_product.hpp"
+#include "latin/algebra/trailing.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
@@ -378,7 +379,7 @@ void add_transposed(const SparseRows& a, const Longer& x, Longer& out, long doub
 }  // namespace
 
 Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
-           const OperatorOptions& options)
+           const OperatorOptions& options, const Body* before)
     : name_(std::move(description.name)), size_(description.size) {
   Watch watch;
   check_shapes(description, sides);
@@ -393,7 +394,17 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   std::vector<SparseRows> jumps =
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
-  const SparseRows lower = assemble_operator(description, jumps);
+  const bool condense = wants_condensation(options);
+  const bool varies = std::ranges::any_of(
+      description.members, [](const Member& member) { return member.stretch_points > 0; });
+  if (condense && !varies) {
+    const Vector robin = weights_.cwiseProduct(direction_);
+    origin_ = std::make_shared<const Origin>(
+        Origin{without_sides(description, jumps),
+               active_traces_.transpose() * (robin.asDiagonal() * active_traces_), nullptr});
+    kept_ = before != nullptr && take_over(*before);
+  }
+  const SparseRows lower = kept_ ? SparseRows() : assemble_operator(description, jumps);
   active_stiffness_ = stiffness_of_active(description.members);
   sprung_ = !description.springs.empty();
   for (std::size_t e = 0; e < description.members.size(); ++e) {
@@ -411,8 +422,9 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   }
   cost_.assemble_s = watch.lap();
 
-  const bool condense = wants_condensation(options);
-  factorise(lower, condense, options);
+  if (!kept_) {
+    factorise(lower, condense, options);
+  }
   if (rounding() > well_conditioned) {
     keep_terms(description, std::move(jumps));
   }
@@ -421,6 +433,11 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   if (condense && factor_->condenses()) {
     condensed_ = factor_->trailing_factor();
     cost_.dense_numbers = static_cast<double>(condensed_.size());
+    if (origin_ != nullptr && !kept_) {
+      origin_ = std::make_shared<const Origin>(Origin{origin_->of, origin_->robin, factor_});
+    }
+  } else {
+    origin_ = nullptr;
   }
   keep_loads(loads, sides);
   response_ = respond({});
@@ -713,6 +730,45 @@ void Body::factorise(const SparseRows& lower, bool condense, const OperatorOptio
     throw InputError("body '" + name_ + "': backend '" + factor_->backend() +
                      "' does not condense: use operator 'factored' or backend 'cholmod'");
   }
+}
+
+/// What its operator is made of but for the sides, and how many unknowns go last.
+Fingerprint Body::without_sides(const BodyDescription& description,
+                                const std::vector<SparseRows>& jumps) const {
+  Fingerprint found;
+  found.add(static_cast<std::uint64_t>(size_));
+  found.add(static_cast<std::uint64_t>(active_));
+  for (std::size_t e = 0; e < description.members.size(); ++e) {
+    found.add_matrix(*description.members[e].stiffness);
+    found.add_matrix(prolongations_[e]);
+  }
+  for (std::size_t i = 0; i < jumps.size(); ++i) {
+    found.add_matrix(jumps[i]);
+    found.add(description.springs[i].stiffness);
+  }
+  return found;
+}
+
+/// Use the factor of a body of the same members and springs, in the same order: only sides differ, whose springs are
+/// on the last unknowns.
+bool Body::take_over(const Body& before) {
+  if (before.origin_ == nullptr || before.origin_->factor == nullptr ||
+      !(before.origin_->of == origin_->of)) {
+    return false;
+  }
+  const Origin& old = *before.origin_;
+  constexpr double rounded = 1e-13;  // search directions are any numbers near E / L
+  SparseRows change = origin_->robin - old.robin;
+  const double largest = old.robin.nonZeros() > 0 ? old.robin.coeffs().abs().maxCoeff() : 0.0;
+  change.prune([&](const Index&, const Index&, double value) {
+    return std::abs(value) > rounded * largest;
+  });
+  factor_ = change.nonZeros() == 0 ? old.factor
+                                   : std::make_shared<const algebra::ChangedTrailing>(
+                                         old.factor, old.factor->trailing_factor(), change, name_);
+  cost_.factor_numbers = factor_->nonzeros();
+  origin_ = before.origin_;
+  return true;
 }
 
 /// What the load patterns bring, beside the interface data.

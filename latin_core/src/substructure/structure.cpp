@@ -91,7 +91,7 @@ std::string label(const ActiveInterface& interface, int other) {
 
 Structure::Structure(std::vector<BodyDescription> bodies,
                      std::vector<InterfaceDescription> interfaces, const OperatorOptions& options,
-                     const Communicator& communicator)
+                     const Communicator& communicator, const Structure* before)
     : communicator_(communicator), memory_limit_(options.memory_limit) {
   for (const BodyDescription& body : bodies) {
     auto& names = members_.emplace_back();
@@ -113,7 +113,7 @@ Structure::Structure(std::vector<BodyDescription> bodies,
       std::ranges::transform(interface.sides, std::back_inserter(own), &SideDescription::scale);
       add_interface(std::move(interface), owners, sides);
     }
-    build_bodies(std::move(bodies), std::move(sides), options);
+    build_bodies(std::move(bodies), std::move(sides), options, before);
     stack_metrics(scales);
   });
   connect();
@@ -194,7 +194,7 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
 }
 
 void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
-                             const OperatorOptions& options) {
+                             const OperatorOptions& options, const Structure* before) {
   bodies_.reserve(bodies.size());
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     body_rows_.push_back(rows_);
@@ -203,7 +203,12 @@ void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
       interfaces_[interface].rows[side] = rows_;
       rows_ += sides.of_body[b][s].trace.rows();
     }
-    bodies_.emplace_back(std::move(bodies[b]), sides.of_body[b], options);
+    const Body* old = nullptr;
+    if (before != nullptr) {
+      const auto found = std::ranges::find(before->bodies_, bodies[b].name, &Body::name);
+      old = found == before->bodies_.end() ? nullptr : &*found;
+    }
+    bodies_.emplace_back(std::move(bodies[b]), sides.of_body[b], options, old);
   }
 }
 

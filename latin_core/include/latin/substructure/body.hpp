@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "latin/algebra/factor.hpp"
+#include "latin/common/fingerprint.hpp"
 #include "latin/common/lazy.hpp"
 #include "latin/common/sparse_view.hpp"
 #include "latin/common/types.hpp"
@@ -121,9 +122,10 @@ struct BodyWork {
 /// threads may use it, each with working blocks of its own.
 class Body {
  public:
+  /// @param before a body whose factor serves again where it differs in its sides only; null: none
   /// @throws InputError on shapes that disagree, NumericalError if the operator is not definite.
   Body(BodyDescription description, const std::vector<BodySide>& sides,
-       const OperatorOptions& options);
+       const OperatorOptions& options, const Body* before = nullptr);
 
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] Index size() const { return size_; }
@@ -136,6 +138,8 @@ class Body {
   /// Traces of the active unknowns, (rows, active).
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
+  /// Whether its sparse factor is that of a body before.
+  [[nodiscard]] bool kept() const { return kept_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
   /// The largest stiffness of a member's unknown or of a spring in it, force / length; 0 of a single member.
   [[nodiscard]] double stiffest() const { return stiffest_; }
@@ -249,6 +253,9 @@ class Body {
   [[nodiscard]] Vector stiffness_of_active(const std::vector<Member>& members) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
   void factorise(const SparseRows& lower, bool condense, const OperatorOptions& options);
+  [[nodiscard]] Fingerprint without_sides(const BodyDescription& description,
+                                          const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] bool take_over(const Body& before);
   void keep_stretches(BodyDescription& description, const SparseRows& lower,
                       const OperatorOptions& options);
   void keep_terms(BodyDescription& description, std::vector<SparseRows> jumps);
@@ -300,8 +307,16 @@ class Body {
   SparseRows active_loads_;   ///< Z^T T^T W in these unknowns, (active, rows)
   Vector weights_;
   Vector direction_;
-  std::unique_ptr<algebra::Factor> factor_;
+  std::shared_ptr<const algebra::Factor> factor_;
   Matrix condensed_;  ///< L of the Schur complement, or empty
+  /// What a body with other sides can take over: a factor that condenses, of the operator with `robin`.
+  struct Origin {
+    Fingerprint of;    ///< members and springs, in the order of the unknowns
+    SparseRows robin;  ///< T^T W k T on the active unknowns
+    std::shared_ptr<const algebra::Factor> factor;
+  };
+  std::shared_ptr<const Origin> origin_;  ///< null: nothing can be taken over
+  bool kept_ = false;
   // T A^-1 T^T where the sides have fewer rows than unknowns (facet means do), else A^-1: after many products
   Lazy<Matrix> compliance_;
   mutable Counter applied_;  ///< columns so far

@@ -55,9 +55,11 @@ struct ActiveInterface {
 /// Constant once it is built: several threads may use it.
 class Structure {
  public:
-  /// Collective. @throws InputError or NumericalError naming the body or interface
+  /// Collective. @param before a structure whose bodies' factors serve again where only their sides differ; null: none
+  /// @throws InputError or NumericalError naming the body or interface
   Structure(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
-            const OperatorOptions& options, const Communicator& communicator = {});
+            const OperatorOptions& options, const Communicator& communicator = {},
+            const Structure* before = nullptr);
   Structure(const Structure&) = delete;
   Structure(Structure&&) = delete;
   Structure& operator=(const Structure&) = delete;
@@ -134,7 +136,7 @@ class Structure {
   [[nodiscard]] Owners find_owners() const;
   void add_interface(InterfaceDescription description, const Owners& owners, Sides& sides);
   void build_bodies(std::vector<BodyDescription> bodies, Sides sides,
-                    const OperatorOptions& options);
+                    const OperatorOptions& options, const Structure* before);
   void stack_metrics(const std::vector<std::vector<double>>& scales);
   void connect();
   void find_components(const std::vector<std::string>& joined);

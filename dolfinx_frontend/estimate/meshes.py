@@ -1,0 +1,576 @@
+"""Meshes that follow the question: a scene solved to an accuracy, its meshes included.
+
+Solve, estimate where the error of the meshes is from (recovery, weighted with the dual solution of the
+quantity), give new meshes to the parts that decide, and go on: only these are assembled and factorised again.
+What is random is at its mean meanwhile; the last meshes then get what is left of the accuracy.
+
+Two witnesses say how large the error of the meshes is: the estimate, and by how much the answer changed from
+mesh to mesh. The larger one is believed, and one mesh alone only if its estimate without cancellation does.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from math import isfinite
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from latin_core import Options
+from scipy.spatial import cKDTree
+
+from dolfinx_frontend.assembly.assemble import assemble, assembled_again
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
+from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.progress import progress as bars
+from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough
+from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, complete, errors, not_known
+from dolfinx_frontend.estimate.finer import finer
+from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
+from dolfinx_frontend.geometry.finer import cell_sizes
+from dolfinx_frontend.plan.plan import Direction, Method, make_plan
+from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.resultant import Interest, Resultant, Wanted, interest
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.scene.laws import Elimination
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.deterministic import solve_once
+from dolfinx_frontend.solvers.galerkin import solve_chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
+
+__all__ = ["solve_scene"]
+
+_log = logging.getLogger(__name__)
+
+OF_MESHES, OF_MESHES_RANDOM = 0.8, 0.6
+"""Shares of an accuracy that the meshes may use: of one answer, and of one with chaos or samples."""
+
+OF_ITERATION = 0.02
+"""Tolerance of the runs on the way, relative to the accuracy: changes must be those of the meshes."""
+
+FALL = 0.1
+"""Factor by which the error is to fall in one step at most."""
+
+AIM = 0.6
+"""What a step aims at, relative to what the meshes may leave: one more step costs more than a finer one."""
+
+SLOWEST, FASTEST = 0.65, 0.2
+"""Factors by which the error is taken to have fallen in one step, when its change tells what is left."""
+
+AT_EDGES = 0.6
+"""The least of these where a contact zone has an edge, or straight cells round off a face: unseen errors."""
+
+SURE = 2.0
+"""Times the estimate without cancellation that one mesh alone must be better than asked."""
+
+MARGIN = 1.5
+"""What is believed, relative to the larger witness."""
+
+FORGOTTEN = 0.4
+"""Weight of a change by those that came after it."""
+
+COARSER = 1.5
+"""Facets of the side with the points, relative to those of the other side, at most."""
+
+RESOLVED = 6
+"""Closed points of a contact zone with an edge, in each direction, at least."""
+
+COVERED = 0.99
+"""Share of a face from which on all of it counts as covered."""
+
+LOST = 1e-5
+"""Share of a face that its new mesh does not cover any more, of which it is told."""
+
+FLAT = 1e-6
+"""Difference of normals below which a face is plane."""
+
+CLOSED = 1e-6
+"""Pressure relative to the largest above which a point of an interface counts as closed."""
+
+STEPS = 12
+
+MOST_UNKNOWNS = 400_000
+
+
+def solve_scene(
+    scene: Scene,
+    accuracy: float,
+    quantity: Interest = None,
+    method: Method = "auto",
+    *,
+    times: npt.ArrayLike | None = None,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    max_unknowns: int | None = None,
+    max_seconds: float | None = None,
+    progress: bool = True,
+) -> Result | SampleResult:
+    """Solve a scene until the error of a quantity is at most `accuracy`, that of its meshes included.
+
+    Parameters
+    ----------
+    scene
+        Its parts get finer meshes where these decide; the scene itself stays as it is.
+    accuracy, quantity, method, times, active, direction, options
+        As for :func:`dolfinx_frontend.estimate.adaptive.solve_to_accuracy`.
+    max_unknowns
+        Most unknowns of all parts; None: 400 000.
+    max_seconds
+        No new mesh that would take longer in all, as far as the last ones tell; None: no limit.
+    progress
+        A line for each mesh, if on a terminal.
+
+    Returns
+    -------
+    Result
+        On the last meshes, ``result.problem``. ``result.errors()`` has all errors, where those of the meshes
+        are from, and the meshes on the way; its notes say what could not be reached, and why.
+    """
+    if not is_real(accuracy) or not 1e-10 <= accuracy <= 0.5:
+        raise SceneError(f"accuracy = {short(accuracy)}: it must lie in 1e-10..0.5")
+    check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
+    if max_unknowns is not None:
+        checked_whole("solve", "max_unknowns", max_unknowns, 1)
+    if max_seconds is not None:
+        checked_number("solve", "max_seconds", max_seconds, above=0.0)
+    if scene.axisymmetric:
+        raise SceneError(
+            "solve(scene, accuracy=...): the error of the meshes is not estimated for axisymmetric scenes; "
+            "solve(assemble(scene), accuracy=..., meshes=False) reduces the other errors"
+        )
+    search = _Meshes(scene, accuracy, quantity, max_unknowns or MOST_UNKNOWNS, max_seconds, progress)
+    return search.answer(method, times=times, active=active, direction=direction, options=options)
+
+
+class _Meshes:
+    """The search for meshes.
+
+    Attributes
+    ----------
+    scene
+        With the present meshes.
+    result
+        The answer on them, at the means of what is random.
+    share
+        Error of its meshes, as it is believed.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        accuracy: float,
+        quantity: Interest,
+        max_unknowns: int,
+        max_seconds: float | None,
+        progress: bool,
+    ) -> None:
+        self.scene = copy(scene)
+        self.accuracy, self.asked_for = accuracy, quantity
+        self.max_unknowns, self.max_seconds, self.shown = max_unknowns, max_seconds, progress
+        self.quantity: Wanted | None = None
+        self.result: Result | None = None
+        self.share: ErrorShare | None = None
+        self.target = accuracy
+        self.steps: list[MeshStep] = []
+        self.places: tuple[Place, ...] = ()
+        self.notes: list[str] = []
+        self.random = False
+        self.before: Problem | None = None
+        self.chaos: ChaosResult | None = None
+        self.norms: list[float] = []
+        self.estimates: list[float] = []
+        self.edges: dict[str, Array] = {}
+        self.means: list[str] = []
+        self.began = perf_counter()
+
+    def answer(self, method: Method, **settings: Any) -> Result | SampleResult:
+        """The answer on meshes that fit; after Ctrl-C the last one that there is."""
+        try:
+            self._adapt(method, **settings)
+            assert self.result is not None
+            problem = self.result.problem
+            if RandomLaws.of(problem).every:
+                found = solve_to_accuracy(
+                    problem,
+                    self.accuracy,
+                    self.quantity,
+                    method,
+                    known=self._of_random(),
+                    first=self.chaos if self.chaos is not None and self.chaos.problem is problem else None,
+                    **settings,
+                )
+            else:
+                found = tight_enough(self.result, self.accuracy, self.quantity, known=self.share)
+        except KeyboardInterrupt:
+            if self.result is None:
+                raise
+            made = replace(
+                not_known(self.result, self.quantity),
+                asked=self.accuracy,
+                discretisation=self.share,
+                notes=(INTERRUPTED,),
+            )
+            found = self.result.with_notes(found=made)
+        made = found.errors()
+        steps, notes = tuple(self.steps), (*self.notes, *made.notes)
+        return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
+
+    def _of_random(self) -> ErrorShare | None:
+        """The error of the meshes, for an answer with a deviation."""
+        share = self.share
+        return None if share is None else replace(share, how=f"{share.how}, at the means of what is random")
+
+    def _adapt(self, method: Method, **settings: Any) -> None:
+        """Solve on finer and finer meshes."""
+        for name, spec in self.scene.substructures.items():
+            self.scene.substructures[name] = spec.made()
+        problem = assemble(self.scene)
+        for name, joint in self.scene.interfaces.items():
+            if joint.space == "points" and len(joint.faces) == 2 and joint.law.rigid:
+                # which asks for meshes that match, and these may not any more
+                self.scene.interfaces[name] = replace(joint, space="auto")
+        soft = _soft_springs(self.scene, problem)
+        for name in soft:
+            self.scene.interfaces[name] = replace(self.scene.interfaces[name], space="points")
+        if any(problem.interfaces[name].space != "points" for name in soft):
+            others = {name: each for name, each in problem.interfaces.items() if name not in soft}
+            problem = assembled_again(self.scene, replace(problem, interfaces=others))
+        self.quantity = interest(problem.interfaces, self.asked_for)
+        self.notes += _chords(self.scene, problem)
+        self.random = bool(RandomLaws.of(problem).every)
+        self.target = (OF_MESHES_RANDOM if self.random else OF_MESHES) * self.accuracy
+        options = settings.pop("options") or (Options.plain() if method == "latin" else Options())
+        options = options.with_(rtol=max(OF_ITERATION * self.accuracy, FINEST))
+        changed: dict[str, str] = {}
+        while True:
+            self._solve(problem, changed, method, options=options, **settings)
+            if self._fits() and (not self.random or self._deviation_fits(method, options, settings)):
+                return
+            following = self._finer(problem)
+            if following is None:
+                return
+            scene, changed = following
+            together = self._assembled(scene, changed, problem)
+            if together is None:
+                return
+            self.before, (self.scene, problem) = problem, together
+
+    def _assembled(
+        self, scene: Scene, changed: Mapping[str, str], before: Problem
+    ) -> tuple[Scene, Problem] | None:
+        """The next meshes put together; None: they do not fit, and a note says why.
+
+        Two meshes of one round face cover each other but for what lies between their chords: that stays free.
+        """
+        try:
+            return scene, assembled_again(scene, before)
+        except SceneError as error:
+            _log.info("the faces of the next meshes may overlap partly: %s", error)
+        for name, joint in scene.interfaces.items():
+            touched = any(face.substructure in changed for face in joint.faces)
+            if touched and len(joint.faces) == 2 and joint.remote is None:
+                space = "auto" if joint.space == "points" else joint.space
+                scene.interfaces[name] = replace(joint, space=space, overlap="partial")
+        try:
+            problem = assembled_again(scene, before)
+        except SceneError as error:
+            self.notes.append(f"the next meshes do not fit together: {str(error).splitlines()[0]}")
+            return None
+        for name, interface in problem.interfaces.items():
+            lost = before.interfaces[name].covered - interface.covered
+            note = f"interface {name!r}: two meshes of its round faces do not cover each other; what is left "
+            note += "is free, which is in no error above"
+            if lost > LOST and not any(f"interface {name!r}: two" in each for each in self.notes):
+                self.notes.append(note)
+        return scene, problem
+
+    def _solve(
+        self, problem: Problem, changed: dict[str, str], method: Method, options: Options, **settings: Any
+    ) -> None:
+        """Solve on the present meshes, and measure."""
+        before = self.result
+        plan = make_plan(problem, method, vary=(), options=options, **settings)
+        result = solve_once(
+            problem, plan, estimator=errors, before=before, progress=self.shown
+        )
+        complete(result)
+        found = self._measured(result)
+        self.result = result
+        value = None if self.quantity is None else result.mean_std(self.quantity).mean
+        self.norms.append(found.norm)
+        of_quantity = isinstance(self.quantity, Resultant) and found.quantity is not None
+        if of_quantity:
+            estimate = share_of(found.quantity or 0.0, value or 0.0)
+            sure = share_of(found.bound or 0.0, value or 0.0)
+        else:
+            estimate = sure = found.energy if self.quantity is None else np.nan
+        self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
+        # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
+        self.edges, unresolved = _contact_edges(result)
+        seen = self._change(value)
+        said, how = estimate, "recovered stresses"
+        if self.quantity is not None and not of_quantity:
+            said, how = seen, "the change from mesh to mesh"
+        elif isfinite(seen) and seen > estimate:
+            said, how = seen, "the change from mesh to mesh"
+        elif not self.steps and not SURE * sure <= self.target:
+            how = "recovered stresses; no second mesh confirms it"
+        said *= MARGIN
+        absolute = None if value is None else said * abs(value)
+        energy = said if self.quantity is None else MARGIN * found.energy
+        self.share = ErrorShare(energy, absolute, None, how)
+        self.places = _places(result.problem, found)
+        kept = (sum(bool(cost["kept"]) for cost in result.solver.costs), len(result.solver.costs))
+        seconds = perf_counter() - self.began
+        step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
+        self.steps.append(step)
+        # nor are what means over an interface leave out, the true shape of a part, a deviation
+        shapes = any(getattr(spec.part, "again", None) for spec in self.scene.substructures.values())
+        self.means = [
+            name
+            for name, i in problem.interfaces.items()
+            if i.space != "points" and len(i.sides) == 2 and i.law.prescribes is None
+        ]
+        alone = SURE * sure <= self.target and not (self.edges or shapes or self.means or self.random)
+        self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
+        self.cells = found.cells
+        self.said = said
+        line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
+        _log.info("%s", line)
+        if self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
+            print(line, file=sys.stderr)
+
+    def _measured(self, result: Result) -> DiscretisationError:
+        if isinstance(self.quantity, Resultant):
+            try:
+                return discretisation_error(result, self.quantity)
+            except SceneError as error:
+                note = f"the energy guides the meshes: {str(error).splitlines()[0]}"
+                if note not in self.notes:
+                    self.notes.append(note)
+        return discretisation_error(result)
+
+    def _change(self, value: float | None) -> float:
+        """What the changes from mesh to mesh say of the error that is left; NaN: there is one mesh only.
+
+        Changes before the last count as far as the error has fallen since: one change may be small by chance.
+        """
+        if not self.steps:
+            return np.nan
+        if value is None:
+            squares = np.array(self.norms) ** 2
+            changes = np.sqrt(np.abs(np.diff(squares)) / max(squares[-1], 1e-300))
+        else:
+            values = np.array([*(step.value for step in self.steps), value], dtype=np.float64)
+            changes = np.array([share_of(each, value) for each in np.diff(values)])
+        falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
+        falls = np.clip(falls, self._fastest(), SLOWEST)
+        left, since = 0.0, 1.0
+        for change, fall in zip(changes[::-1], falls[::-1], strict=True):
+            since *= fall if since == 1.0 else fall * FORGOTTEN
+            of_one = since / np.sqrt(1.0 - fall**2) if value is None else since / (1.0 - fall)
+            left = max(left, float(change * of_one))
+        return left
+
+    def _fastest(self) -> float:
+        """The least factor by which an error is taken to fall: what is unseen need not do as an estimate."""
+        return AT_EDGES if self.edges or self.means or self._of_chords() else FASTEST
+
+    def _of_chords(self) -> list[str]:
+        """Parts of straight cells that may have another shape."""
+        return [
+            name
+            for name, spec in self.scene.substructures.items()
+            if getattr(spec.part, "again", None) and coordinate_map(spec.part.mesh).degree == 1
+        ]
+
+    def _fits(self) -> bool:
+        assert self.result is not None
+        if not self.result.converged:
+            self.notes.append(f"the meshes were not carried on: the iteration ended as {self.result.status}")
+            return True
+        return self.said <= self.target and self.confirmed
+
+    def _deviation_fits(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
+        """Whether the deviation, of a chaos of order 1, changed as little from the last mesh to this one."""
+        assert self.result is not None and self.share is not None
+        if not isinstance(self.quantity, Resultant) or self.before is None or not self.result.converged:
+            return True
+        try:
+            old = self.chaos or self._first_chaos(self.before, method, options, settings)
+            self.chaos = self._first_chaos(self.result.problem, method, options, settings)
+        except SceneError as error:
+            self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
+            return True
+        found = [each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos)]
+        fall = float(np.clip(self.estimates[-1] / max(self.estimates[-2], 1e-300), self._fastest(), SLOWEST))
+        left = MARGIN * abs(found[1] - found[0]) * fall / (1.0 - fall)
+        left = max(left, self.said * found[1])
+        self.share = replace(self.share, std=left)
+        # of a deviation that is nothing beside the mean: relative to that
+        self.said = max(self.said, share_of(left, max(found[1], 1e-9 * abs(self.steps[-1].value or 0.0))))
+        self.steps[-1] = self.steps[-1]._replace(error=self.said)
+        return self.said <= self.target
+
+    def _first_chaos(
+        self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
+    ) -> ChaosResult:
+        """The chaos of order 1 on some meshes."""
+        assert isinstance(self.quantity, Resultant)
+        active = settings.get("active")
+        if active is None and self.quantity.interface not in RandomLaws.of(problem).interfaces:
+            active = [self.quantity.interface]
+        chaos = solve_chaos(
+            problem,
+            Chaos(order=1, check_points=0),
+            method,
+            options=options,
+            progress=self.shown,
+            estimator=errors,
+            **{**settings, "active": active},
+        )
+        complete(chaos)
+        return chaos
+
+    def _finer(self, problem: Problem) -> tuple[Scene, dict[str, str]] | None:
+        """The scene with its next meshes, and what was changed; None: it ends, and a note says why."""
+        if len(self.steps) >= STEPS:
+            self.notes.append(f"no answer fitted after {STEPS} meshes")
+            return None
+        said = self.said if isfinite(self.said) else np.inf
+        fall = float(np.clip(AIM * self.target / said, FALL, 0.5))
+        if self.quantity is None:
+            fall *= fall  # squares of the energy norm
+        unseen = self._of_chords() if len(self.steps) == 1 else []
+        means = self.means if len(self.steps) == 1 else []
+        found = finer(self.scene, problem, self.cells, fall, self.edges, unseen, means)
+        for name, why in found.stuck.items():
+            note = f"part {name!r} keeps its mesh: {why}"
+            if note not in self.notes:
+                self.notes.append(note)
+        if not found.specs:
+            self.notes.append("no part can get a finer mesh")
+            return None
+        parts = problem.substructures
+        size = int(sum(s.size * found.growth.get(name, 1.0) for name, s in parts.items()))
+        if size > self.max_unknowns:
+            self.notes.append(
+                f"the budget of {self.max_unknowns} unknowns ends it: the next meshes would have about "
+                f"{size}; give max_unknowns="
+            )
+            return None
+        if self.max_seconds is not None:
+            spent = perf_counter() - self.began
+            last = spent - (self.steps[-2].seconds if len(self.steps) > 1 else 0.0)
+            wanted = spent + last * (size / problem.size) ** 1.5
+            if wanted > self.max_seconds:
+                self.notes.append(
+                    f"the budget of {self.max_seconds:g} s ends it: {spent:.3g} s are spent, the next meshes "
+                    f"would make it about {wanted:.3g} s; give max_seconds="
+                )
+                return None
+        scene = copy(self.scene)
+        scene.substructures.update(found.specs)
+        return scene, dict(found.how)
+
+
+def _soft_springs(scene: Scene, problem: Problem) -> list[str]:
+    """Interfaces of springs that are softer than the cells beside them, whose space was left open.
+
+    At points these hold exactly, whatever the meshes; means about vertices leave out how jumps vary between
+    them, which no estimate sees. Stiff springs would lock at points.
+    """
+    found = []
+    for name, spec in scene.interfaces.items():
+        if spec.space != "auto" or spec.overlap != "full" or spec.remote is not None or len(spec.faces) != 2:
+            continue
+        interface, law = problem.interfaces[name], spec.law.nominal
+        if law.elimination is not Elimination.SPRINGS or law.unilateral or not law.linear:
+            continue
+        first, second = (len(_facets(problem, side.substructure, side.face)) for side in interface.sides)
+        size = (interface.area / first) ** (1.0 / (interface.dim - 1))
+        other = (interface.sides[1].area / second) ** (1.0 / (interface.dim - 1))
+        if size > COARSER * other:
+            continue  # between the points nothing would hold the second side
+        modulus = min(problem.parts[side.substructure].modulus for side in interface.sides)
+        if float(law.stiffnesses(interface).max(initial=0.0)) * size < modulus:
+            found.append(name)
+    return found
+
+
+def _chords(scene: Scene, problem: Problem) -> list[str]:
+    """Faces of interfaces that straight cells round off for ever, in words."""
+    parts = {
+        side.substructure
+        for interface in problem.interfaces.values()
+        if np.any(interface.chords)
+        for side in interface.sides
+        if getattr(scene.substructures[side.substructure].part, "again", None) is None
+        and side.flatness > FLAT
+    }
+    return [
+        f"part {name!r}: its straight cells stay on the chords of a round face, which is in no error above; "
+        "give a part that can be meshed again (geometry.remeshable), or curved cells"
+        for name in sorted(parts)
+    ]
+
+
+def _facets(problem: Problem, part: str, face: str) -> Ints:
+    """Facets of a face."""
+    each = problem.substructures[part].part
+    return np.asarray(each.facet_tags.find(each.names[face]), dtype=np.int64)
+
+
+def _contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
+    """Active interface that may open -> its points (k, d) with closed and open ones around; and whether a
+    contact zone has too few points for its shape to be seen."""
+    out, unresolved = {}, False
+    for name in result.plan.active:
+        interface = result.problem.interfaces[name]
+        if not interface.law.unilateral:
+            continue
+        force = np.asarray(result.force(name))
+        normal = force.reshape(-1, *force.shape[-2:])[-1][:, 0]
+        closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
+        if not closed.any() or (closed.all() and interface.covered > COVERED):
+            continue
+        if np.count_nonzero(closed) < RESOLVED ** (interface.dim - 1):
+            unresolved = True
+            out[name] = interface.points[closed]
+            continue
+        count = min(interface.num_points, 3 if interface.dim == 2 else 7)
+        _, around = cKDTree(interface.points).query(interface.points, k=count)
+        mixed = closed[around].any(axis=1) & ~closed[around].all(axis=1)
+        if mixed.any():
+            out[name] = interface.points[mixed]
+    return out, unresolved
+
+
+def _places(problem: Problem, found: DiscretisationError) -> tuple[Place, ...]:
+    """Parts by what their cells contribute, the largest first; those below a hundredth are left out."""
+    sums = {name: float(each.sum()) for name, each in found.cells.items()}
+    total = sum(sums.values())
+    out = []
+    for name in sorted(sums, key=lambda n: -sums[n]):
+        if not sums[name] > 0.01 * total:
+            break
+        mesh = problem.substructures[name].part.mesh
+        worst = int(found.cells[name].argmax())
+        nodes = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[worst], : mesh.geometry.dim]
+        at = tuple(float(v) for v in nodes.mean(axis=0))
+        size = float(cell_sizes(mesh).min())
+        out.append(Place(name, sums[name] / total, at, len(found.cells[name]), size))
+    return tuple(out)

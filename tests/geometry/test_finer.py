@@ -1,0 +1,115 @@
+"""Finer meshes of a part: the same body with the same faces, smaller cells where they are asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry import SizeField, box, from_gmsh, gmsh_session, remeshable
+from dolfinx_frontend.geometry.finer import bisected, cell_sizes, halved, size_field
+from dolfinx_frontend.geometry.parts import Part
+from tests.helpers import DIMENSION, block
+
+RADIUS = 2.0
+
+
+def bent(x: np.ndarray) -> np.ndarray:
+    """A box as a piece of a ring, nodes of second order off the chords."""
+    out = x.copy()
+    r, angle = 1.0 + x[:, 0], 0.9 * x[:, 1]
+    out[:, 0], out[:, 1] = r * np.cos(angle), r * np.sin(angle)
+    return out
+
+
+def same_body(one: Part, other: Part) -> None:
+    assert other.volume() == pytest.approx(one.volume(), rel=1e-11)
+    # the length of a parabola is no polynomial: quadrature leaves 1e-7 of it
+    tolerance = 1e-11 if one.order == 1 else 1e-5
+    assert other.faces == one.faces
+    for face in one.faces:
+        assert other.face_area(face) == pytest.approx(one.face_area(face), rel=tolerance)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_cells_that_are_cut(cell: str, order: int) -> None:
+    part = block(cell, (2,) * DIMENSION[cell], mapping=bent, order=order, seed=3)
+    x = part.mesh.geometry.x
+    middles = np.array([x[nodes].mean(axis=0) for nodes in part.mesh.geometry.dofmap])
+    chosen = np.linalg.norm(middles - x[0], axis=1).argmin()
+    ratios = np.ones(part.num_cells)
+    ratios[chosen] = 0.25
+    fine = bisected(part, ratios)
+    same_body(part, fine)
+    assert fine.order == order and fine.num_cells > part.num_cells
+    # halved twice, there
+    now = fine.mesh.geometry.x
+    after = np.array([now[nodes].mean(axis=0) for nodes in fine.mesh.geometry.dofmap])
+    near = np.linalg.norm(after - middles[chosen], axis=1).argmin()
+    assert cell_sizes(fine.mesh)[near] < 0.36 * cell_sizes(part.mesh)[chosen]
+    # and nothing where nothing is wanted
+    assert bisected(part, np.ones(part.num_cells)).mesh is part.mesh
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_cells_that_are_all_cut(cell: str, order: int) -> None:
+    part = block(cell, (2,) * DIMENSION[cell], mapping=bent, order=order, seed=5)
+    fine = halved(part)
+    same_body(part, fine)
+    assert fine.order == order
+    assert fine.num_cells == 2 ** DIMENSION[cell] * part.num_cells
+    for face in part.faces:
+        assert len(fine.facets(face)) == 2 ** (DIMENSION[cell] - 1) * len(part.facets(face))
+
+
+def disc(size: SizeField | None) -> Part:
+    """A disc of gmsh."""
+    with gmsh_session() as gmsh:
+        face = gmsh.model.occ.addDisk(0.0, 0.0, 0.0, RADIUS, RADIUS)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [face], name="disc")
+        gmsh.model.addPhysicalGroup(1, [t for _, t in gmsh.model.getEntities(1)], name="disc:rim")
+        if size is None:
+            gmsh.option.setNumber("Mesh.MeshSizeMax", 1.0)
+        else:
+            size.set(gmsh)
+        gmsh.model.mesh.generate(2)
+        return from_gmsh(gmsh.model, gdim=2).parts["disc"]
+
+
+def test_a_part_that_is_meshed_again_is_on_its_true_geometry() -> None:
+    part = remeshable(disc)
+    wanted = np.full(part.num_cells, 0.25)
+    again = part.again(size_field(part.mesh, wanted))
+    true = np.pi * RADIUS**2
+    # a polygon of n chords lacks about 2 pi^2 / (3 n^2) of the area
+    n = len(again.facets("rim"))
+    assert n > 2 * len(part.facets("rim"))
+    assert again.volume() / true - 1.0 == pytest.approx(-2.0 * np.pi**2 / (3.0 * n**2), rel=0.1)
+    assert abs(np.median(cell_sizes(again.mesh)) / 0.25 - 1.0) < 0.2
+
+
+def test_sizes_differ_from_place_to_place() -> None:
+    part = remeshable(disc)
+    x = part.mesh.geometry.x[part.mesh.geometry.dofmap].mean(axis=1)
+    again = part.again(size_field(part.mesh, np.where(x[:, 0] > 0.0, 0.1, 0.6)))
+    at = again.mesh.geometry.x[again.mesh.geometry.dofmap].mean(axis=1)
+    sizes = cell_sizes(again.mesh)
+    assert np.median(sizes[at[:, 0] > 1.0]) < 0.15
+    assert np.median(sizes[at[:, 0] < -1.0]) > 0.4
+
+
+def test_a_function_that_makes_no_part_is_refused() -> None:
+    with pytest.raises(SceneError, match="make"):
+        remeshable(3)
+    with pytest.raises(SceneError, match="return a Part"):
+        remeshable(lambda size: None)
+
+
+def test_a_size_field_tells_sizes_at_points() -> None:
+    part = box((1.0, 1.0), (4, 4), cell="triangle")
+    field = size_field(part.mesh, np.full(part.num_cells, 0.3))
+    assert field(np.array([[0.2, 0.7], [2.0, 0.0]])) == pytest.approx([0.3, 0.3])
+    assert "0.3" in repr(field)
