@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -464,6 +464,7 @@ class Problem(OneProcess):
                 name, _, parameter = key.rpartition(".")
                 here.setdefault(name, {})[parameter] = values[key]
         if rest is not None:
+            self.check_moduli("with_laws with the modulus of a part", rest)
             moduli = {key: rest.pop(key) for key in list(rest) if key in self.part_parameters}
             if moduli:
                 return self._with_moduli(moduli).with_laws(laws, {**rest, **_of(values, of_loads)})
@@ -472,9 +473,20 @@ class Problem(OneProcess):
         loads = {n: each.with_values(here.get(n, {})) for n, each in self.loads.items()}
         return replace(self, interfaces=interfaces, loads=loads)
 
+    def check_moduli(self, what: str, keys: Iterable[object]) -> None:
+        """Refuse names of moduli of parts, which may be on other ranks, where there are several.
+
+        Raises
+        ------
+        SceneError
+            On all ranks alike.
+        """
+        names = (str(key).rpartition(".")[2] for key in keys if key not in self.law_parameters)
+        if any(name in ("E", "stiffness") for name in names):
+            self.on_one_rank(what)
+
     def _with_moduli(self, values: Mapping[str, Any]) -> Problem:
         """The same with other moduli of parts: their matrices, and what comes from them, are scaled."""
-        self.on_one_rank("with_laws with the modulus of a part")
         parts, loads = dict(self.substructures), dict(self.loads)
         for key, value in values.items():
             name, _, what = key.rpartition(".")

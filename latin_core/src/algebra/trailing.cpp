@@ -30,18 +30,20 @@ ChangedTrailing::ChangedTrailing(std::shared_ptr<const Factor> first, Matrix tra
   changed_ = sum.triangularView<Eigen::Lower>();
 }
 
-Matrix ChangedTrailing::solve(ConstMatrixRef rhs) const {
-  const Index size = trailing_.rows();
-  const auto old = trailing_.triangularView<Eigen::Lower>();
-  Matrix first = first_->solve(rhs);
-  const Matrix before = first.bottomRows(size);
-  const Matrix left = old * (old.transpose() * before).eval();
-  Matrix now = left;
-  changed_.triangularView<Eigen::Lower>().solveInPlace(now);
-  changed_.triangularView<Eigen::Lower>().transpose().solveInPlace(now);
-  Matrix forces = Matrix::Zero(first.rows(), first.cols());
-  forces.bottomRows(size) = old * (old.transpose() * (now - before)).eval();
-  return first + first_->solve(forces);
+Matrix ChangedTrailing::forward(ConstMatrixRef rhs) const {
+  Matrix partial = first_->forward(rhs);
+  auto own = partial.bottomRows(trailing_.rows());
+  own = (trailing_.triangularView<Eigen::Lower>() * own).eval();
+  changed_.triangularView<Eigen::Lower>().solveInPlace(own);
+  return partial;
+}
+
+Matrix ChangedTrailing::backward(ConstMatrixRef rhs) const {
+  Matrix partial = rhs;
+  auto own = partial.bottomRows(trailing_.rows());
+  changed_.triangularView<Eigen::Lower>().transpose().solveInPlace(own);
+  own = (trailing_.triangularView<Eigen::Lower>().transpose() * own).eval();
+  return first_->backward(partial);
 }
 
 }  // namespace latin::algebra

@@ -7,13 +7,7 @@
 namespace latin::algebra {
 
 /// A matrix that differs from a factorised one in its trailing block only: the sparse factor stays, the dense one of
-/// the Schur complement is made anew. A solution costs two of the first.
-///
-/// With S the Schur complement of the first matrix and S + D that of the changed one,
-///
-///     x = y + A^-1 [0; S (x_t - y_t)],   A y = b,   (S + D) x_t = S y_t,
-///
-/// where S y_t is what b leaves on the trailing unknowns.
+/// the Schur complement is made anew: of L = [L_11, 0; L_21, L_22] only L_22 changes.
 class ChangedTrailing final : public Factor {
  public:
   /// @param first    factor of the first matrix, which condenses
@@ -25,7 +19,9 @@ class ChangedTrailing final : public Factor {
                   const std::string& name);
 
   [[nodiscard]] Index size() const override { return first_->size(); }
-  [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override;
+  [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override { return backward(forward(rhs)); }
+  [[nodiscard]] Matrix forward(ConstMatrixRef rhs) const override;
+  [[nodiscard]] Matrix backward(ConstMatrixRef rhs) const override;
   [[nodiscard]] Matrix trailing_factor() const override { return changed_; }
   [[nodiscard]] bool condenses() const override { return true; }
   [[nodiscard]] double nonzeros() const override { return first_->nonzeros(); }
