@@ -42,7 +42,7 @@ def test_examples(page: str) -> None:
 
 
 def test_kernel_page_shows_its_demo(capsys: pytest.CaptureFixture[str]) -> None:
-    """The lines of the demo on plain dolfinx as they stand in it, and examples that run and print what is said."""
+    """The lines of the demo as they stand in it, and examples that run and print what is said."""
     demo = (DOCS.parent / "demos" / "raw_dolfinx.py").read_text().splitlines()
     lines = {line.partition("  #")[0].strip() for line in demo}
     page = (DOCS / "kernel.md").read_text()
