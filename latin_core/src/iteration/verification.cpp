@@ -283,7 +283,13 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       const bool little = norm <= std::max(well_fallen * first_norm, noise) &&
                           everywhere((rest.array() <= least_known.array()).all());
       const bool in_branch = settled && stays_in_branch(step);
-      if (settled && (little || in_branch)) {
+      const auto imbalance_of_better = [this] {
+        return linear_->imbalance(stages_.laws(), better_, residual_,
+                                  within_rounding * rounding_share);
+      };
+      // short steps from one branch to another and back may be all that is seen of a soft part
+      const bool crosses = settled && little && !in_branch;
+      if (in_branch || (crosses && imbalance_of_better() <= bearable_imbalance * rtol)) {
         if (!in_branch) {
           rest *= of_other_branch;
           ahead *= of_other_branch;
@@ -295,10 +301,6 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
         }
-        const auto imbalance_of_better = [this] {
-          return linear_->imbalance(stages_.laws(), better_, residual_,
-                                    within_rounding * rounding_share);
-        };
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual), imbalance_of_better(),
                     rounding && everywhere((rest.array() <= least_error.array().max(rtol)).all())};
