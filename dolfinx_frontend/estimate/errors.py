@@ -106,7 +106,8 @@ def over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | No
 def distance(one: ChaosResult, other: ChaosResult) -> float:
     """Relative difference of two chaoses with the same kernel in the energy norm, over all columns.
 
-    The first may have modes that the second has not.
+    The first may have modes that the second has not. Of parts whose stiffness varies the strain counts, too, part by
+    part and relative to its own: where statics decides the forces, these do not change at all.
     """
     solver, steps = one.solver, one.steps
     data, traces = one.state.data.copy(), one.state.traces.copy()
@@ -116,7 +117,24 @@ def distance(one: ChaosResult, other: ChaosResult) -> float:
     traces[:, places] -= other.state.traces
     forces = data - solver.directions[:, None] * traces
     square = float(over_ranks(one, np.sum(traces * solver.weights[:, None] * forces)))
-    return float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
+    whole = float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
+    modes = [i for i in found if i is not None]
+    return max([whole, *(_of_strain(one, other, part, modes) for part in one.plan.varied)])
+
+
+def _of_strain(one: ChaosResult, other: ChaosResult, part: str, modes: Sequence[int]) -> float:
+    """The same of the strains of a part, in the energy norm of its mean stiffness; on one rank."""
+    stiffness = one.problem.substructures[part].matrix
+    all_of_it = one.coefficients(part)
+    change = all_of_it.copy()
+    change[..., modes] -= other.coefficients(part)
+
+    def energy(block: Array) -> float:
+        columns = np.moveaxis(block, -2, 0).reshape(stiffness.shape[0], -1)
+        return float(np.sum(columns * (stiffness @ columns)))
+
+    size = energy(all_of_it)
+    return float(np.sqrt(max(energy(change), 0.0) / size)) if size > 0.0 else 0.0
 
 
 # --- more of the same -------------------------------------------------------------------------------
