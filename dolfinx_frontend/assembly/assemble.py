@@ -247,6 +247,16 @@ def _described(scene: Scene) -> dict[str, object]:
 
 def _densities(scene: Scene) -> dict[str, float]:
     """Part -> mass per volume."""
+    supports = [
+        name
+        for name, each in scene.interfaces.items()
+        if len(each.faces) == 1 and each.law.elimination is not Elimination.LOAD
+    ]
+    if supports:
+        raise SceneError(
+            f"inertia_relief: {', '.join(map(repr, supports))}: nothing may hold an assembly whose loads inertia "
+            "balances; take the one or the other away"
+        )
     given = scene.densities
     if not isinstance(given, Mapping):
         return dict.fromkeys(scene.substructures, float(given))

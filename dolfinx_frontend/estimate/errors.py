@@ -106,8 +106,8 @@ def over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | No
 def distance(one: ChaosResult, other: ChaosResult) -> float:
     """Relative difference of two chaoses with the same kernel in the energy norm, over all columns.
 
-    The first may have modes that the second has not. Of parts whose stiffness varies the strain counts, too, part by
-    part and relative to its own: where statics decides the forces, these do not change at all.
+    The first may have modes that the second has not. Of parts whose stiffness varies the strain counts, too,
+    part by part and relative to its own: where statics decides the forces, these do not change at all.
     """
     solver, steps = one.solver, one.steps
     data, traces = one.state.data.copy(), one.state.traces.copy()

@@ -450,7 +450,7 @@ class _Meshes:
         if len(self.steps) >= STEPS:
             self.notes.append(f"no answer fitted after {STEPS} meshes")
             return None
-        said = self.said if isfinite(self.said) else np.inf
+        said = self.said if isfinite(self.said) and self.said > 0.0 else np.inf
         fall = float(np.clip(AIM * self.target / said, FALL, 0.5))
         if self.quantity is None:
             fall *= fall  # squares of the energy norm

@@ -39,8 +39,8 @@ KNOWN = 0.05
 """Distance to a known design point, relative to that from the origin, at which a search leads to it."""
 SHORTEST = 1e-3
 """Of a step of the line search."""
-FARTHEST = 38.0
-"""Deviations: Phi(-38) is the smallest double."""
+FARTHEST = 30.0
+"""Deviations: Phi(-38) is the smallest double, and steps go a little beyond."""
 
 
 class Limit(Protocol):
@@ -141,6 +141,11 @@ def design_point(
         usable = lengths > 0.0
         if not usable[margins > 0.0].all() or not np.all(np.isfinite(slopes)):
             break  # flat where it does not hold: nothing to follow
+        if not usable.any():
+            # at the bound of what is random nothing changes any more: the nearest point is on the way back
+            u = 0.7 * u
+            margins = limit.margins(u[None])[0, which]
+            continue
         scale = np.where(usable, lengths, 1.0)
         normals, values = slopes / scale[:, None], margins / scale
         rows = np.vstack([normals[usable], *(n for _, n, _ in kept)])

@@ -33,7 +33,7 @@ from dolfinx_frontend.results.answer import (
 )
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
-from dolfinx_frontend.results.probes import reaction_of
+from dolfinx_frontend.results.probes import AtPoint, reaction_of
 from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
 from dolfinx_frontend.results.stress import stress_function, stress_of
 from dolfinx_frontend.results.surfaces import surface_of
@@ -510,6 +510,7 @@ class Face(ABC):
         ----------
         function
             Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times.
+            An :class:`AtPoint` of another problem is found again in the meshes of this one.
         name, unit
             For tables and figures.
         samples, seed
@@ -519,6 +520,8 @@ class Face(ABC):
         checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
         where = f"quantity {name!r}"
+        if isinstance(function, AtPoint):
+            function = function.on(self.problem)
         blocks = self.many(self.draws if samples is None else samples, seed)
         found = [
             (one_number_a_sample(told_call(where, function, b), len(b), name), b.weights) for b in blocks

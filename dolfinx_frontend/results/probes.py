@@ -85,6 +85,13 @@ class AtPoint:
     def __repr__(self) -> str:
         return f"AtPoint({self.part!r}, {self.point.tolist()}, {self.of} {self.component})"
 
+    def on(self, problem: object) -> AtPoint:
+        """The same of another assembled problem: on other meshes the point is looked for again."""
+        parts = getattr(problem, "substructures", {})
+        if problem is self.problem or not isinstance(problem, Problem) or self.part not in parts:
+            return self
+        return AtPoint(problem, self.part, [float(x) for x in self.point], self.of, self.component, self.step)
+
     @property
     def _unknowns(self) -> Ints:
         d = self._s.dim

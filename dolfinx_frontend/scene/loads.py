@@ -196,9 +196,9 @@ def shaped(where: str, value: Any, number: str, unit: Any) -> tuple[dict[str, An
 
 
 def components(
-    where: str, what: str, value: Any, names: Sequence[str] = AXES
+    where: str, what: str, value: Any, names: Sequence[str] = AXES, count: int | None = None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Parameters and shapes of a vector: a number per component, or a field."""
+    """Parameters and shapes of a vector: a number per component, of which there are `count`, or a field."""
     terms = value.terms if isinstance(value, Varying) else ((None, value),)
     vectors = [(a, v) for a, v in terms if not is_field(v)]
     fields = [(a, v) for a, v in terms if is_field(v)]
@@ -214,6 +214,10 @@ def components(
         lengths.add(len(vector))
     if len(lengths) > 1 or (lengths and not lengths <= {1, 2, 3}):
         raise SceneError(f"{where}: {what} = {short(value)}; {wanted}")
+    if count is not None and lengths and lengths != {count}:
+        raise SceneError(
+            f"{where}: {what} = {short(value)} has {lengths.pop()} component(s); give {count}, one per axis"
+        )
     for k in range(lengths.pop() if lengths else 0):
         parts = tuple((a, v[k]) for a, v in vectors)
         values[names[k]] = Varying(parts) if isinstance(value, Varying) else parts[0][1]

@@ -326,7 +326,9 @@ class Scene:
         ``"<name>.x"``, ``y``, ``z``.
         """
         if scattered(t) or self.densities is not None:
-            self._on_faces("traction", faces, *components("traction", "t", t), name)
+            first = faces if isinstance(faces, str) else next(iter(faces), "")
+            dim = self._dim(str(first).partition(":")[0])
+            self._on_faces("traction", faces, *components("traction", "t", t, count=dim), name)
             return
         self._one_sided("traction", faces, Traction(t), name)
 
@@ -596,7 +598,13 @@ class Scene:
             ``"<name>.x"``, ``y``, ``z``; or a field, a UFL vector or a callable x (m, d) -> (m, d), or an
             Amplitude times one: parameter ``"<name>.factor"``.
         """
-        self._add("body_force", part, name, *components(f"body_force of {part!r}", "force", force))
+        where = f"body_force of {part!r}"
+        self._add("body_force", part, name, *components(where, "force", force, count=self._dim(part)))
+
+    def _dim(self, part: str) -> int | None:
+        """Dimensions of a part whose mesh is here already; None: not known yet."""
+        spec = self.substructures.get(part)
+        return None if spec is None or spec.lazy else spec.dim
 
     def inertia_relief(self, density: Value | Mapping[str, float]) -> None:
         """Balance all loads by the inertia of the assembly, which nothing holds: it accelerates as a rigid
@@ -679,7 +687,7 @@ class Scene:
         values: dict[str, Any] = {}
         shapes: dict[str, Any] = {}
         if force is not None:
-            values, axes = components(where, "force", force)
+            values, axes = components(where, "force", force, count=self._dim(found.substructure))
             if "factor" in values:
                 raise SceneError(
                     f"{where}: force = {short(force)} is a field; a total force is numbers: use traction"
@@ -687,9 +695,12 @@ class Scene:
             shapes = {key: ("force", axis, place) for key, axis in axes.items()}
         if moment is not None:
             numbers = [v for _, v in moment.terms] if isinstance(moment, Varying) else [moment]
+            flat = self._dim(found.substructure) == 2
             if any(isinstance(v, (list, tuple, np.ndarray)) for v in numbers):
-                own, axes = components(where, "moment", moment, MOMENTS)
+                own, axes = components(where, "moment", moment, MOMENTS, None if flat else 3)
             else:
+                if not flat and self._dim(found.substructure) is not None:
+                    raise SceneError(f"{where}: moment = {short(moment)}; give 3 components")
                 own, axes = {"mz": moment}, {"mz": 2}
             values |= own
             shapes |= {key: ("moment", axis, place) for key, axis in axes.items()}
@@ -728,7 +739,7 @@ class Scene:
         """
         where = f"point_force on {part!r}"
         place = plain_vector(where, "point", point)
-        values, axes = components(where, "force", force)
+        values, axes = components(where, "force", force, count=self._dim(part))
         self._add("point_force", part, name, values, {key: (axis, place) for key, axis in axes.items()})
 
     def initial_strain(self, part: str, strain: Any, factor: Value = 1.0, name: str | None = None) -> None:

@@ -174,7 +174,7 @@ TEST(Field, ModesAreTheGalerkinSolution) {
   const Matrix b = stretch_of_bar();
   for (Index step = 0; step < 2; ++step) {
     const auto own = Eigen::seqN(step, c, 2);
-    const Matrix u = moved(Eigen::all, own);
+    const Matrix u = moved(latin::every, own);
     EXPECT_LT((u.row(0) - 0.3 * amplitudes(1, own)).norm(), 1e-14);
     const Matrix inner = b.transpose() * modulus.times(b * u - initial * amplitudes(1, own));
     Matrix outer = Vector::LinSpaced(nodes, 1.0, 2.0) * amplitudes(0, own);

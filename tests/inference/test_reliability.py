@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 import dolfinx_frontend as lf
-from dolfinx_frontend import Event, Response, SceneError, SceneWarning, reliability
+from dolfinx_frontend import Event, Response, SceneError, SceneWarning, geometry, reliability
 from tests.inference.joints import D_COV, K_COV, LESS_RARE, Q_COV, RARE, D, K, exact, joints, lognormal
 
 
@@ -148,3 +148,28 @@ def test_a_quantity_that_is_flat_is_named(problem: lf.Problem) -> None:
     with pytest.warns(SceneWarning):
         found = reliability(problem, Response(gap, "gap") > 1e-9, most=2000)
     assert "take one that tells how far the event is, as Response.opening" in found.why
+
+
+def rod(load: Any) -> lf.Problem:
+    """A spring that is pulled by a load, and has its force."""
+    scene = lf.Scene()
+    scene.substructure("a", geometry.box((10.0, 10.0, 10.0), (1, 1, 1)), lf.LinearElastic(200e3, 0.0), degree=1)
+    scene.symmetry(["a:x0", "a:y0"])
+    scene.interface("layer", "a:z0", lf.Elastic(normal=lf.LogNormal("k", 50.0, cov=0.1), tangential=0.0))
+    scene.force("a:z1", (0.0, 0.0, load), name="load")
+    return lf.assemble(scene)
+
+
+@pytest.mark.parametrize(
+    "load, above, exact",
+    [
+        (lf.Uniform("F", 0.0, 1000.0), 999.9, 1e-4),
+        (lf.Uniform("F", 0.0, 1000.0), 990.0, 1e-2),
+        (lf.FromDistribution("F", stats.expon(scale=100.0)), 100.0 * np.log(1e5), 1e-5),
+        (lf.FromDistribution("F", stats.weibull_min(2.0, scale=100.0)), 100.0 * np.sqrt(np.log(1e6)), 1e-6),
+    ],
+)
+def test_tails_of_loads_that_are_bounded_or_heavy(load: Any, above: float, exact: float) -> None:
+    """The search for a design point goes where nothing changes any more, or numbers end."""
+    found = reliability(rod(load), Response("layer") > above, level=0.999)
+    assert found.probability.low <= exact <= found.probability.high and found.cov < 0.1

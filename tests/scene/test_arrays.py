@@ -82,6 +82,10 @@ INPUTS: dict[str, tuple[Given, Callable[..., Any]]] = {
     "Displacement": ((array(2),), lf.Displacement),
     "Traction": ((array(2),), lf.Traction),
     "Pressure": ((array(POINTS),), lf.Pressure),
+    "calibrate": (
+        (array(2, 1), array(1)),
+        lambda data, noise: lf.calibrate(joined(springs()), "layer", 0.0 * data, 1e3 * noise, samples=64),
+    ),
     "UserLaw.values": (
         (array(POINTS),),
         lambda a: lf.UserLaw(force=lambda jump, k: k[:, None] * jump, values={"k": a}),
@@ -127,6 +131,7 @@ NO_ARRAYS = (
     "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
     "export geometry io "
     "load make_plan monte_carlo progress quasi_monte_carlo read_step reference sparse_quadrature "
+    "Evaluation Event Fit KinkWarning Posterior ProblemFunction Reliability Response reliability "
     "Measure Quantile tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
 )
 """Public names that take no arrays of a user, or are made by what is tried here."""

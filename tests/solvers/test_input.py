@@ -107,7 +107,8 @@ RUNS = [name for name in CALLS if name != "make_plan"]
 
 @pytest.mark.parametrize("call", CALLS)
 def test_what_is_no_problem(call: str) -> None:
-    refused(lambda: CALLS[call](blocks()), "problem = Scene", "assemble the scene first")
+    if call != "accuracy":  # which makes the meshes of a scene
+        refused(lambda: CALLS[call](blocks()), "problem = Scene", "assemble the scene first")
     for wrong in (3, None, "problem", {}):
         refused(lambda wrong=wrong: CALLS[call](wrong), f"problem = {wrong!r}", "assemble")
 

@@ -659,3 +659,45 @@ def test_bad_loads_are_refused_by_name() -> None:
         lf.assemble(scene)
     with pytest.raises(lf.SceneError, match="load 'w': x = .*; give a finite number"):
         block().body_force("a", ("1", 0, 0), name="w")
+
+
+@pytest.mark.parametrize("law", [lf.Elastic(1e4, 1e4), lf.Displacement(0.0), lf.Symmetry()])
+def test_inertia_balances_what_nothing_holds(law: Any) -> None:
+    scene = lf.Scene()
+    scene.inertia_relief(7.8e-9)
+    scene.substructure("a", geometry.box((10, 10, 25), (1, 1, 2)), lf.LinearElastic(E, 0.0), degree=1)
+    scene.interface("bed", "a:z0", law)
+    with pytest.raises(lf.SceneError, match="'bed': nothing may hold an assembly whose loads inertia balances"):
+        lf.assemble(scene)
+
+
+def test_a_point_is_found_again_in_other_meshes() -> None:
+    def bar(n: int) -> lf.Problem:
+        scene = lf.Scene()
+        scene.substructure("a", geometry.box((10, 10, 40), (1, 1, n)), lf.LinearElastic(E, 0.0), degree=2)
+        scene.fix("a:z0", components=2)
+        scene.symmetry(["a:x0", "a:y0"])
+        scene.body_force("a", (0, 0, 1e-2))
+        return lf.assemble(scene)
+
+    coarse, fine = bar(2), bar(5)
+    exact = 1e-2 / E * (40.0 * 12.0 - 0.5 * 12.0**2)
+    for of, component, wanted in (("displacement", "z", exact), ("stress", "zz", 1e-2 * (40.0 - 12.0))):
+        probe = lf.AtPoint(coarse, "a", (5, 5, 12.0), of, component)
+        assert lf.solve(fine).quantity(probe).values[0] == pytest.approx(wanted, rel=1e-8)
+
+
+@pytest.mark.parametrize("call", ["force", "body_force", "point_force", "traction", "moment"])
+def test_vectors_have_the_components_of_the_space(call: str) -> None:
+    scene = lf.Scene()
+    scene.substructure("a", geometry.box((10, 10, 25), (1, 1, 2)), lf.LinearElastic(E, 0.0), degree=1)
+    short = (lf.Normal("q", 1.0, cov=0.1), 2.0)
+    calls = {
+        "force": lambda: scene.force("a:z1", short),
+        "body_force": lambda: scene.body_force("a", short),
+        "point_force": lambda: scene.point_force("a", (5, 5, 25), short),
+        "traction": lambda: scene.traction("a:z1", short),
+        "moment": lambda: scene.force("a:z1", None, 7.0),
+    }
+    with pytest.raises(lf.SceneError, match="give 3"):
+        calls[call]()

@@ -345,3 +345,20 @@ def test_rigid_joints_of_varying_parts_are_solved_at_once() -> None:
         for part in "ab":
             off = np.abs(chaos.coefficients(part) - exact[part]).max() / np.abs(exact[part]).max()
             assert off < 3 * max(rtol, 1e-11)
+
+
+def test_the_truncation_counts_where_statics_decides_the_forces() -> None:
+    """The force of a rod does not scatter with its modulus; its strain does."""
+    scene = bars(lf.LogNormal("E1", 1e3, cov=0.4), 2e3, lf.Elastic(100.0, 100.0))
+    scene.force("b:z1", (0.0, 0.0, FORCE), name="pull")
+    problem = lf.assemble(scene)
+    end = lf.AtPoint(problem, "a", (0.5, 1, LENGTH), component="z")
+    coarse = lf.solve(problem, chaos=2)
+    assert coarse.errors().truncation.energy > 1e-2
+    found = lf.solve(problem, accuracy=1e-3, meshes=False)
+    mean = FORCE * LENGTH / AREA * (1.0 + 0.4**2) / 1e3
+    assert found.quantity(end).mean().value == pytest.approx(mean, rel=5e-3)  # 100 000 samples
+    values = found.coefficients("a")
+    exact = lf.solve(problem, chaos=8).coefficients("a").copy()
+    exact[:, : values.shape[1]] -= values
+    assert np.linalg.norm(exact) < 3e-3 * np.linalg.norm(values)

@@ -159,7 +159,8 @@ class Preload(Law):
                 "it acts by until= or during="
             )
         checked_number("Preload", "d", self.d, above=0.0)
-        checked_number("Preload", "pitch", self.pitch, least=0.0)
+        # the minor diameter of the thread is d - 1.22687 pitch
+        checked_number("Preload", "pitch", self.pitch, least=0.0, below=float(self.d or 0.0) / 1.22687)
         if self.bearing is not None:
             checked_number("Preload", "bearing", self.bearing, above=0.0)
         if self._lever(self._nominal("mu_thread"), self._nominal("mu_head")) <= 0.0:

@@ -311,7 +311,7 @@ Measured Run::verify(Measured measured, bool believed) {
   state_ = verification_->better();
   residual_ = verification_->better_residual();
   errors_ = found->errors_better;
-  if (stages_.laws().steps() > 1 &&
+  if (stages_.laws().steps() > 1 && stages_.laws().modes() == 1 &&
       found->imbalance_better > Verification::bearable_imbalance * options_.rtol) {
     // a step in which a part has flown off is near to itself, whatever its forces are
     errors_ = errors_.cwiseMax(found->imbalance_better / Verification::bearable_imbalance);

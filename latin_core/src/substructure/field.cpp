@@ -277,6 +277,7 @@ std::vector<Matrix> FieldColumns::displacements(const Body& mean, ConstMatrixRef
   std::vector<Matrix> fields;
   for (Index k = 0; k < blocks(); ++k) {
     std::vector<Vector> own;
+    own.reserve(factors.size());
     for (const Matrix& each : factors) {
       own.emplace_back(each.col(k));
     }

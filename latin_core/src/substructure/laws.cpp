@@ -119,8 +119,7 @@ std::shared_ptr<interface::Law> with_means(const interface::Law& law,
       if (!changed) {
         changed = law.copy();
       }
-      changed->set(parameter,
-                   interface::ParameterField(means_of(field.values(), group.transforms)),
+      changed->set(parameter, interface::ParameterField(means_of(field.values(), group.transforms)),
                    interface::Law::Range::any);
     }
   }
@@ -523,6 +522,7 @@ FieldColumns Laws::field_of(std::size_t b,
   }
   if (count == 1) {
     std::vector<Vector> own;
+    own.reserve(columns.factors.size());
     for (const Matrix& each : columns.factors) {
       own.emplace_back(each.col(0));
     }

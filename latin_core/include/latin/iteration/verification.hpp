@@ -50,11 +50,11 @@ class Verification {
   [[nodiscard]] bool solve_coupled(const State& state, double tolerance, Matrix& step);
 
   struct Found {
-    Matrix errors;         ///< (groups, bodies of this rank) of the iterate
-    Matrix errors_better;  ///< of the better one, at most
-    double imbalance;      ///< of the iterate, see Linearisation::imbalance()
+    Matrix errors;            ///< (groups, bodies of this rank) of the iterate
+    Matrix errors_better;     ///< of the better one, at most
+    double imbalance;         ///< of the iterate, see Linearisation::imbalance()
     double imbalance_better;  ///< of the better one, beyond rounding
-    bool rounding;         ///< only rounding keeps the better one from the tolerance, by far
+    bool rounding;            ///< only rounding keeps the better one from the tolerance, by far
   };
   /// @param residual of the iterate
   /// @param whole    what errors are relative to
