@@ -199,7 +199,7 @@ def reliability(
     level
         Of the interval.
     most
-        Points to be solved at most.
+        Samples at most: a search that is under way is ended, and a stage that has begun is completed.
     seed
         Of the random numbers: the same seed gives the same answer.
     settings
