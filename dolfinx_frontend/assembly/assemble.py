@@ -254,8 +254,8 @@ def _densities(scene: Scene) -> dict[str, float]:
     ]
     if supports:
         raise SceneError(
-            f"inertia_relief: {', '.join(map(repr, supports))}: nothing may hold an assembly whose loads inertia "
-            "balances; take the one or the other away"
+            f"inertia_relief: {', '.join(map(repr, supports))}: nothing may hold an assembly whose loads "
+            "inertia balances; take the one or the other away"
         )
     given = scene.densities
     if not isinstance(given, Mapping):

@@ -153,7 +153,8 @@ def test_a_quantity_that_is_flat_is_named(problem: lf.Problem) -> None:
 def rod(load: Any) -> lf.Problem:
     """A spring that is pulled by a load, and has its force."""
     scene = lf.Scene()
-    scene.substructure("a", geometry.box((10.0, 10.0, 10.0), (1, 1, 1)), lf.LinearElastic(200e3, 0.0), degree=1)
+    box = geometry.box((10.0, 10.0, 10.0), (1, 1, 1))
+    scene.substructure("a", box, lf.LinearElastic(200e3, 0.0), degree=1)
     scene.symmetry(["a:x0", "a:y0"])
     scene.interface("layer", "a:z0", lf.Elastic(normal=lf.LogNormal("k", 50.0, cov=0.1), tangential=0.0))
     scene.force("a:z1", (0.0, 0.0, load), name="load")

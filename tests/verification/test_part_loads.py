@@ -667,7 +667,7 @@ def test_inertia_balances_what_nothing_holds(law: Any) -> None:
     scene.inertia_relief(7.8e-9)
     scene.substructure("a", geometry.box((10, 10, 25), (1, 1, 2)), lf.LinearElastic(E, 0.0), degree=1)
     scene.interface("bed", "a:z0", law)
-    with pytest.raises(lf.SceneError, match="'bed': nothing may hold an assembly whose loads inertia balances"):
+    with pytest.raises(lf.SceneError, match="'bed': nothing may hold an assembly whose loads inertia"):
         lf.assemble(scene)
 
 
