@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from time import perf_counter
 from typing import Any
@@ -200,15 +200,27 @@ def model_of(case: Case, problem: Any, active: Any) -> Model:
 
 def starts(case: Case, found: Found, run: int, model: Model) -> Callable[[int], Any] | None:
     """Forces and jumps of a run, for the reference to begin from."""
-    if case.kind not in ("static", "history") or not hasattr(found.result, "force"):
+    answer: Any = found.result
+    if case.kind == "sweep":
+        answer = answer.point(*np.unravel_index(run, answer.shape))
+    elif case.kind == "samples":
+        first = 0
+        for block in found.result.blocks():
+            if run < first + len(block):
+                answer = block
+                break
+            first += len(block)
+    elif case.kind not in ("static", "history"):
         return None
     known = {}
     for row in model.rows:
         try:
-            both = found.result.force(row.name), found.result.jump(row.name)
-            known[row.name] = (np.asarray(both[0]), np.asarray(both[1]))
+            both = np.asarray(answer.force(row.name)), np.asarray(answer.jump(row.name))
         except lf.SceneError:
             continue
+        if case.kind == "samples":
+            both = both[0][run - first], both[1][run - first]
+        known[row.name] = both
 
     def begin(step: int) -> Any:
         if case.times is None:
@@ -218,11 +230,37 @@ def starts(case: Case, found: Found, run: int, model: Model) -> Callable[[int], 
     return begin
 
 
+def at_rest(problem: Any, near: list[dict[str, Array]], start: Callable[[int], Any],
+            cold: Sequence[Answer]) -> tuple[list[dict[str, Array]], Callable[[int], Any]]:
+    """Fields and forces to begin from, zero where an answer has rounding at most."""
+    still = []
+    for answer in cold:
+        size = {name: float(np.abs(u).max()) for name, u in answer.fields.items()}
+        still.append({name for name, s in size.items() if s <= 1e-13 * max(size.values())})
+
+    def begin(step: int) -> Any:
+        known = start(step)
+        for name in known:
+            if {side.substructure for side in problem.interfaces[name].sides} <= still[step]:
+                known[name] = tuple(np.zeros_like(each) for each in known[name])
+        return known
+
+    fields = [{n: 0.0 * u if n in each else u for n, u in step.items()}
+              for step, each in zip(near, still, strict=True)]
+    return fields, begin
+
+
 def truth(case: Case, problem: Any, found: Found, model: Model, run: int, values: Mapping[str, float],
-          warm: bool = False) -> list[Answer]:
-    """The reference's steps for one run."""
+          warm: bool = False, cold: Sequence[Answer] = ()) -> list[Answer]:
+    """The reference's steps for one run; a warm one begins from the run's own answer.
+
+    Parts that nothing moves in the reference's first answer (`cold`) begin at rest: from rounding they
+    would not come to it.
+    """
     start = starts(case, found, run, model) if warm else None
     near = found.fields[run] if warm else None
+    if near is not None and start is not None and cold:
+        near, start = at_rest(problem, near, start, cold)
     if case.times is None:
         first = None if near is None else near[0]
         answer, _ = model.solve(case.laws(None, values), start=start(0) if start else None, near=first)
@@ -388,7 +426,7 @@ def compare(
                 if case.kind == "chaos":
                     nearest = tight_truth(case, problem, found, same=True)[k]
                 else:
-                    nearest = truth(case, problem, found, model, k, values[k], warm=True)
+                    nearest = truth(case, problem, found, model, k, values[k], warm=True, cold=answers)
                 warm = errors_of(nearest)
             except Unsolved:
                 warm = mine
