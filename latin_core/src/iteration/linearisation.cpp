@@ -199,7 +199,7 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
 const Matrix& Linearisation::rounding(const substructure::Laws& laws, const State& state,
                                       ConstMatrixRef amplitudes, const Whole& whole) {
   if (rounding_.rows() != whole.sizes.strain.rows()) {
-    rounding_ = whole.relative(rounding_sizes(laws, state, amplitudes));
+    rounding_ = whole.relative(rounding_sizes(laws, state, amplitudes), substructure::Noise::counted);
   }
   return rounding_;
 }

@@ -12,6 +12,7 @@
 namespace latin::iteration {
 namespace {
 
+using substructure::Noise;
 using substructure::Tangent;
 
 /// Steps at most, and how many of them the next is combined with.
@@ -161,8 +162,13 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
   }
   Matrix step = residual;
   linear_->correct(step, moved_);
-  const Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
+  const substructure::Sizes difference = gauge_.of_difference(step, moved_);
+  if (!(spread * largest(whole.relative(difference)) <= rtol)) {
+    return std::nullopt;
+  }
+  const Matrix ahead = whole.relative(difference, Noise::counted);
   if (!(spread * largest(ahead) <= rtol)) {
+    rounding_decides_ = true;  // or an error in its shadow, which a step will mend
     return std::nullopt;
   }
   const double imbalance = linear_->imbalance(laws, state, residual);
@@ -243,7 +249,11 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     if (count > 0) {
       whole = stages_.whole(better_);
     }
-    Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
+    const substructure::Sizes difference = gauge_.of_difference(step, moved_);
+    Matrix ahead = whole.relative(difference);
+    // an error next to rounding of others is mended by a step, or rounding itself
+    const Matrix seen_ahead = whole.relative(difference, Noise::counted);
+    const Matrix hidden = (seen_ahead.array() > ahead.array()).select(seen_ahead, 0.0);
     if (history_.size() > 0) {
       // a combination of steps may go nowhere although the residual is not small
       Matrix plain = residual_;
@@ -277,8 +287,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       const bool go_on = count < (borrowed ? most_borrowed : most_steps) &&
                          !everywhere((rest.array() <= least_known.array().max(rtol)).all()) &&
                          largest(left) <= bearable_left;
+      const bool hides = count < first_of_rounding && largest(hidden) > rtol;
       const bool settled =
-          !go_on && everywhere(enough.all()) && borrowed == was_borrowed &&
+          !go_on && !hides && everywhere(enough.all()) && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise);
       const bool little = norm <= std::max(well_fallen * first_norm, noise) &&
                           everywhere((rest.array() <= least_known.array()).all());
@@ -294,9 +305,12 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           rest *= of_other_branch;
           ahead *= of_other_branch;
         }
+        distance_ = distance_.cwiseMax(
+            whole.relative(gauge_.of_distance(better_, state), Noise::counted));
         // a little more than the tolerance may be as well a little less: it is a bound
         Matrix least_error =
-            linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole);
+            linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)
+                .cwiseMax(hidden);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
@@ -307,7 +321,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
           const Matrix seen =
-              (whole.relative(gauge_.of_distance(better_, from)) + ahead).cwiseMax(least_error);
+              (whole.relative(gauge_.of_distance(better_, from), Noise::counted) + ahead)
+                  .cwiseMax(least_error);
           if (largest(seen) <= rtol && linear_->imbalance(stages_.laws(), from, residual_before) <=
                                            bearable_imbalance * rtol) {
             found.errors_better = seen;

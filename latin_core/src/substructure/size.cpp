@@ -60,7 +60,7 @@ Vector Yardstick::share_of_reach(const Sizes& whole) const {
   return sum;
 }
 
-Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
+Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts) const {
   Matrix result = Matrix::Zero(error.strain.rows(), error.strain.cols());
   const Index kinds = groups.kinds();
   const Index block = groups.steps * kinds;
@@ -111,9 +111,11 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
         moved = farthest;
       }
       // infinite where nothing moves; what is NaN stays NaN
-      const double of_trace = error.trace(g, b) <= noise ? 0.0 : error.trace(g, b) / moved;
-      const double of_strain =
-          !strained || error.strain(g, b) <= strain_noise ? 0.0 : error.strain(g, b) / strain;
+      const bool ignored = counts == Noise::ignored;
+      const bool no_error = error.trace(g, b) <= (ignored ? noise : 0.0);
+      const double of_trace = no_error ? 0.0 : error.trace(g, b) / moved;
+      const bool unstrained = !strained || error.strain(g, b) <= (ignored ? strain_noise : 0.0);
+      const double of_strain = unstrained ? 0.0 : error.strain(g, b) / strain;
       const bool by_trace = of_trace >= of_strain || std::isnan(of_trace);
       result(g, b) = std::sqrt(by_trace ? of_trace : of_strain);
     }

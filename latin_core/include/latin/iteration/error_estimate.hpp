@@ -40,8 +40,10 @@ struct Whole {
   substructure::Yardstick yardstick;
 
   /// Relative errors (groups, bodies) of which these are the sizes.
-  [[nodiscard]] Matrix relative(const substructure::Sizes& error) const {
-    return yardstick.relative(error, sizes);
+  [[nodiscard]] Matrix relative(
+      const substructure::Sizes& error,
+      substructure::Noise noise = substructure::Noise::ignored) const {
+    return yardstick.relative(error, sizes, noise);
   }
 };
 

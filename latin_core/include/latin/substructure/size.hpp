@@ -33,6 +33,9 @@ struct Sizes {
   static Sizes zero(Index groups, Index bodies);
 };
 
+/// Whether what double precision leaves is an error.
+enum class Noise : std::uint8_t { ignored, counted };
+
 /// What errors are relative to.
 struct Yardstick {
   ColumnGroups groups;
@@ -49,9 +52,12 @@ struct Yardstick {
   /// displacement of the interfaces, each relative to the body's own in that step. They do not depend on the
   /// search direction.
   ///
-  /// A step is measured with no less than 1e-9 of the largest step, a fluctuation that
-  /// is known to be below 5e-7 of the mean with the mean; what double precision leaves is no error, and a body that does not move is measured with those that do.
-  [[nodiscard]] Matrix relative(const Sizes& error, const Sizes& whole) const;
+  /// A step is measured with no less than 1e-9 of the largest step, a fluctuation that is known to be below 5e-7 of
+  /// the mean with the mean, and a body that does not move with those that do.
+  /// @param noise whether errors count that may be rounding of the displacements of other bodies: an iteration that
+  ///              waited for them to fall would not end, but an answer is not better than they are
+  [[nodiscard]] Matrix relative(const Sizes& error, const Sizes& whole,
+                                Noise noise = Noise::ignored) const;
 };
 
 /// The yardstick of a structure, its reach not known.
