@@ -184,14 +184,14 @@ class Model:
                 softness = self._softness(interface)
                 if isinstance(law, lf.Elastic) and name not in varies:
                     kappa = spring_rows(interface, law)
+                    trace = self._trace(name, kappa.shape[1])
+                    if name not in active:
+                        sides = {side.substructure for side in interface.sides}
+                        weights = np.repeat(interface.weights, kappa.shape[1])
+                        jumps = {part: trace[:, self.of_part[part]] for part in sides}
+                        self.norms.add_springs(jumps, weights * kappa.ravel())
                     if np.max(kappa) * softness <= STIFF:
-                        trace = self._trace(name, kappa.shape[1])
                         self.springs.append((name, trace, kappa))
-                        if name not in active:
-                            sides = {side.substructure for side in interface.sides}
-                            weights = np.repeat(interface.weights, kappa.shape[1])
-                            jumps = {part: trace[:, self.of_part[part]] for part in sides}
-                            self.norms.add_springs(jumps, weights * kappa.ravel())
                         continue
                 components = point_law(interface, law, None, None).components
                 row = Row(name, interface, components, self._trace(name, components), np.zeros(0), softness)
