@@ -67,8 +67,8 @@ constexpr double above_errors = 2.0;
 /// Errors of samples, relative to the tolerance of their scatter, that leave it right.
 constexpr double enough_for_scatter = 3.0;
 constexpr Index first_samples = 4;
-/// Scatter below this, relative to the samples, is not worth being right about.
-constexpr double least_scatter = 1e-6;
+/// Scatter below this, relative to the samples, is none.
+constexpr double least_scatter = 3e-7;
 /// Tolerances below this are rounding.
 constexpr double least_tolerance = 1e-12;
 
@@ -102,7 +102,26 @@ class Scatter {
   [[nodiscard]] Index count() const { return count_; }
   /// The least of a body that scatters at all, on any rank, relative to the size of its mean; at most 1. Collective.
   [[nodiscard]] double least() const {
-    double least = 1.0;
+    const Vector scatters = of_bodies();
+    return -structure_.communicator().largest(scatters.size() > 0 ? -scatters.minCoeff() : -1.0);
+  }
+  /// The largest of errors of bodies, relative to what each of them scatters by. Collective.
+  [[nodiscard]] double relative(const Vector& errors) const {
+    const Vector relative = errors.cwiseQuotient(of_bodies());
+    return structure_.communicator().largest(relative.size() > 0 ? relative.maxCoeff() : 0.0);
+  }
+  /// Of all bodies and ranks, the largest errors so far over their largest relative to the scatter. Collective.
+  [[nodiscard]] double of_largest_error() const {
+    const double relative_error = relative(errors_);
+    const double error = structure_.communicator().largest(
+        errors_.size() > 0 ? errors_.maxCoeff() : 0.0);
+    return relative_error > 0.0 && std::isfinite(relative_error) ? error / relative_error : least();
+  }
+
+ private:
+  /// Of each body, in displacement or strain, relative to its mean.
+  [[nodiscard]] Vector of_bodies() const {
+    Vector scatters = Vector::Ones(static_cast<Index>(structure_.bodies().size()));
     const auto count = static_cast<double>(count_);
     for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
       const auto at = static_cast<Index>(b);
@@ -112,8 +131,8 @@ class Scatter {
       // what is only the errors of the samples is no scatter
       const auto consider = [&](double variance, double size) {
         const double scatter = size > 0.0 ? std::sqrt(variance / size) : 1.0;
-        if (scatter > above_errors * errors_(at)) {
-          least = std::min(least, std::max(scatter, least_scatter));
+        if (scatter > std::max(above_errors * errors_(at), least_scatter)) {
+          scatters(at) = std::min(scatters(at), scatter);
         }
       };
       for (Index column = 0; column < mean_.cols(); ++column) {
@@ -126,10 +145,9 @@ class Scatter {
         }
       }
     }
-    return -structure_.communicator().largest(-least);
+    return scatters;
   }
 
- private:
   const substructure::Structure& structure_;
   Index count_ = 0;
   Vector errors_;             ///< the largest of every body so far
@@ -442,7 +460,17 @@ class Sweep {
   /// Whether a sample is right although its tolerance, which may be below what the scatter asks for, was not reached.
   [[nodiscard]] bool good_enough(const Summary& summary) const {
     return summary.status == Status::converged ||
-           (follows_scatter() && summary.error <= enough_for_scatter * wanted_ * scatter_.least());
+           (follows_scatter() &&
+            scatter_.relative(errors_of_bodies(summary)) <= enough_for_scatter * wanted_);
+  }
+
+  /// Of this rank's bodies, (bodies).
+  [[nodiscard]] Vector errors_of_bodies(const Summary& summary) const {
+    const auto bodies = static_cast<Index>(structure_.bodies().size());
+    if (summary.errors.cols() == bodies && summary.errors.rows() > 0) {
+      return summary.errors.colwise().maxCoeff().transpose();
+    }
+    return Vector::Constant(bodies, summary.error);
   }
 
   /// The first samples wait until it is known how exact their scatter wants them.
@@ -481,15 +509,10 @@ class Sweep {
   /// @throws Interrupted on all ranks if a callback of any of them did
   void hand_out(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
     if (follows_scatter()) {
-      const auto bodies = static_cast<Index>(structure_.bodies().size());
-      scatter_.add(state,
-                   summary.errors.cols() == bodies && summary.errors.rows() > 0
-                       ? Vector(summary.errors.colwise().maxCoeff().transpose())
-                       : Vector::Zero(bodies),
-                   [&](const State& first) {
-                     return substructure::GlobalStage(laws).sizes(first.data, first.traces,
-                                                                  amplitudes_ + loads_of(point));
-                   });
+      scatter_.add(state, errors_of_bodies(summary), [&](const State& first) {
+        return substructure::GlobalStage(laws).sizes(first.data, first.traces,
+                                                     amplitudes_ + loads_of(point));
+      });
       if (scatter_.count() <= first_samples) {
         early_.push_back({point, state, std::move(summary)});
         return;
@@ -501,7 +524,7 @@ class Sweep {
   /// @throws Interrupted on all ranks if a callback of any of them did
   void finish(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
     if (follows_scatter()) {
-      summary.scatter = scatter_.least();
+      summary.scatter = scatter_.of_largest_error();
       if (summary.status != Status::converged && summary.status != Status::interrupted &&
           summary.error <= wanted_) {
         // of itself it is right; what the samples differ by may not be

@@ -98,7 +98,13 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       const bool no_strain = is_none(whole.strain, error.strain(g, b));
       const bool no_trace = is_none(whole.trace, error.trace(g, b));
       double strain = least(whole.strain, error.strain(g, b));
-      const bool strained = strain > strain_free * beside(whole.work, no_strain);
+      const bool ignored = counts == Noise::ignored;
+      // where nothing holds a body no work tells rounding of a rigid motion, which is a product of it, from a strain
+      const double of_motion =
+          metric(b) > 0.0 ? whole.trace(g, b) / metric(b) * stiffness(b) : 0.0;
+      const bool strained = strain > strain_free * beside(whole.work, no_strain) &&
+                            (ignored || strain > std::max(rounding * of_motion,
+                                                          square(above_rounding) * strain_noise));
       double moved = std::max(least(whole.trace, error.trace(g, b)),
                               square(held) * beside(whole.pressed, no_trace));
       if (strained) {
@@ -111,7 +117,6 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
         moved = farthest;
       }
       // infinite where nothing moves; what is NaN stays NaN
-      const bool ignored = counts == Noise::ignored;
       const bool no_error = error.trace(g, b) <= (ignored ? noise : 0.0);
       const double of_trace = no_error ? 0.0 : error.trace(g, b) / moved;
       const bool unstrained = !strained || error.strain(g, b) <= (ignored ? strain_noise : 0.0);

@@ -47,8 +47,8 @@ struct Summary {
   /// The estimates it is the largest of, of the bodies on this rank: (groups, bodies), see
   /// substructure::ColumnGroups.
   Matrix errors;
-  /// Of a sample: least scatter of the displacements of a body between the samples so far, relative to their size;
-  /// 1 where it is not asked for or not known.
+  /// Of a sample: scatter of the body between the samples so far, relative to its size, whose errors are the largest
+  /// relative to it (all bodies' largest error is divided by it); 1 where it is not asked for or not known.
   double scatter = 1.0;
   double indicator = 0.0;
   double energy =
