@@ -10,6 +10,8 @@ namespace {
 constexpr double strain_free = 1e-14;
 /// Rounding of displacements and forces, relative to the largest ones.
 constexpr double rounding = 1e-14;
+/// The same of the body's own largest step.
+constexpr double own_rounding = 1e-13;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
 /// A step is measured with this fraction of the largest step at least; a fluctuation below this one of the mean is
@@ -117,10 +119,16 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
         moved = farthest;
       }
       // infinite where nothing moves; what is NaN stays NaN
-      const bool no_error = error.trace(g, b) <= (ignored ? noise : 0.0);
-      const double of_trace = no_error ? 0.0 : error.trace(g, b) / moved;
-      const bool unstrained = !strained || error.strain(g, b) <= (ignored ? strain_noise : 0.0);
-      const double of_strain = unstrained ? 0.0 : error.strain(g, b) / strain;
+      // the body's own largest step leaves rounding in all
+      const double trace_none =
+          ignored ? noise : square(own_rounding) * whole.trace(history, b).maxCoeff();
+      const double strain_none =
+          ignored ? strain_noise
+                  : square(own_rounding) * std::max(whole.strain(history, b).maxCoeff(),
+                                                whole.work(history, b).maxCoeff());
+      const double of_trace = error.trace(g, b) <= trace_none ? 0.0 : error.trace(g, b) / moved;
+      const double of_strain =
+          !strained || error.strain(g, b) <= strain_none ? 0.0 : error.strain(g, b) / strain;
       const bool by_trace = of_trace >= of_strain || std::isnan(of_trace);
       result(g, b) = std::sqrt(by_trace ? of_trace : of_strain);
     }

@@ -55,7 +55,8 @@ struct Yardstick {
   /// A step is measured with no less than 1e-9 of the largest step, a fluctuation that is known to be below 5e-7 of
   /// the mean with the mean, and a body that does not move with those that do.
   /// @param noise whether errors count that may be rounding of the displacements of other bodies: an iteration that
-  ///              waited for them to fall would not end, but an answer is not better than they are
+  ///              waited for them to fall would not end, but an answer is not better than they are. What is rounding
+  ///              of the body's own largest step is no error in any case
   [[nodiscard]] Matrix relative(const Sizes& error, const Sizes& whole,
                                 Noise noise = Noise::ignored) const;
 };
