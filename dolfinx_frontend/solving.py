@@ -6,12 +6,13 @@ parameter sets, ``monte_carlo`` and its kin for points of the germs; ``errors`` 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy.typing as npt
-from latin_core import Iteration, Options, State
+from latin_core import Iteration, NumericalError, Options, State
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
@@ -279,9 +280,40 @@ def solve(
         return solve_once(problem, plan, start, callback, progress, errors)
     plan = make_plan(problem, method, vary=(), **settings)
     others = () if method == "latin" else _other_plans(problem, **settings)
-    return solve_once(problem, plan, start, callback, progress, errors, others)
+    try:
+        return solve_once(problem, plan, start, callback, progress, errors, others)
+    except NumericalError:
+        if start is not None or len(plan.active) == len(problem.interfaces):
+            raise
+        kept = _with_all_kept(problem, method, callback, progress, errors, **settings)
+        if kept is None:
+            raise
+        return kept
 
 
+def _with_all_kept(
+    problem: Problem,
+    method: Method,
+    callback: Callable[[Iteration], None] | None,
+    progress: bool,
+    errors: Any,
+    **settings: Any,
+) -> Result | None:
+    """Parts whose joined matrix does not factorise, for their moduli differ too much, solved one by one, as
+    well as rounding allows; None if that finds no answer either."""
+    try:
+        plan = make_plan(problem, method, vary=(), **{**settings, "active": "all"})
+        result = solve_once(problem, plan, None, callback, progress, errors)
+    except (SceneError, NumericalError):
+        return None
+    if result.status not in ("converged", "inexact", "interrupted"):
+        return None
+    if problem.rank == 0:
+        _log.warning("parts that are joined do not factorise together: all interfaces are kept")
+    return result
+
+
+_log = logging.getLogger(__name__)
 _SOFTER = 0.1
 """A search direction that suits soft contacts, where the default does not do."""
 

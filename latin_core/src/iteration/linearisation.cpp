@@ -199,7 +199,8 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
 const Matrix& Linearisation::rounding(const substructure::Laws& laws, const State& state,
                                       ConstMatrixRef amplitudes, const Whole& whole) {
   if (rounding_.rows() != whole.sizes.strain.rows()) {
-    rounding_ = whole.relative(rounding_sizes(laws, state, amplitudes), substructure::Noise::counted);
+    const substructure::Sizes sizes = rounding_sizes(laws, state, amplitudes);
+    rounding_ = whole.relative(sizes).cwiseMax(whole.relative(sizes, substructure::Noise::counted));
   }
   return rounding_;
 }

@@ -163,10 +163,11 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
   Matrix step = residual;
   linear_->correct(step, moved_);
   const substructure::Sizes difference = gauge_.of_difference(step, moved_);
-  if (!(spread * largest(whole.relative(difference)) <= rtol)) {
+  Matrix ahead = whole.relative(difference);
+  if (!(spread * largest(ahead) <= rtol)) {
     return std::nullopt;
   }
-  const Matrix ahead = whole.relative(difference, Noise::counted);
+  ahead = ahead.cwiseMax(whole.relative(difference, Noise::counted));
   if (!(spread * largest(ahead) <= rtol)) {
     rounding_decides_ = true;  // or an error in its shadow, which a step will mend
     return std::nullopt;
@@ -305,8 +306,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           rest *= of_other_branch;
           ahead *= of_other_branch;
         }
-        distance_ = distance_.cwiseMax(
-            whole.relative(gauge_.of_distance(better_, state), Noise::counted));
+        distance_ = seen_distance(whole, better_, state);
         // a little more than the tolerance may be as well a little less: it is a bound
         Matrix least_error =
             linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)
@@ -321,8 +321,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
           const Matrix seen =
-              (whole.relative(gauge_.of_distance(better_, from), Noise::counted) + ahead)
-                  .cwiseMax(least_error);
+              (seen_distance(whole, better_, from) + ahead).cwiseMax(least_error);
           if (largest(seen) <= rtol && linear_->imbalance(stages_.laws(), from, residual_before) <=
                                            bearable_imbalance * rtol) {
             found.errors_better = seen;
@@ -346,6 +345,12 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                   better_.traces - from.traces);
   }
   return std::nullopt;
+}
+
+/// Relative distance of two states, also where it is next to rounding.
+Matrix Verification::seen_distance(const Whole& whole, const State& one, const State& other) const {
+  const substructure::Sizes distance = gauge_.of_distance(one, other);
+  return whole.relative(distance).cwiseMax(whole.relative(distance, Noise::counted));
 }
 
 /// Whether the laws have tangents that are alike at the end of a step from the better iterate, which was not taken.
