@@ -35,6 +35,8 @@ constexpr double well_fallen = 0.1;
 constexpr double negligible = 0.05;
 /// A last step that leads into another branch may be this many times too short.
 constexpr double of_other_branch = 4.0;
+/// What a step of linear laws with springs for rigid connections may leave of an error.
+constexpr double of_step_left = 0.3;
 /// Steps with the tangents of another parameter set before those here are taken.
 constexpr Index most_borrowed = 4;
 /// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
@@ -166,6 +168,19 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
   Matrix ahead = whole.relative(difference);
   if (!(spread * largest(ahead) <= rtol)) {
     return std::nullopt;
+  }
+  if (!of_coupled && linear_->softened()) {
+    // springs in the place of rigid connections may be soft for what the points hardly see
+    Matrix left(residual.rows(), residual.cols());
+    stages_.local(state.data + step, state.traces + moved_, left);
+    Matrix moved_on;
+    linear_->correct(left, moved_on);
+    const Matrix next = whole.relative(gauge_.of_difference(left, moved_on));
+    const double least = negligible * rtol / most_left;
+    if (!everywhere((next.array() <= (of_step_left * ahead.array()).max(least)).all())) {
+      return std::nullopt;
+    }
+    ahead += next;
   }
   ahead = ahead.cwiseMax(whole.relative(difference, Noise::counted));
   if (!(spread * largest(ahead) <= rtol)) {

@@ -324,6 +324,10 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
   }
   hold_with(hold);
   const double stiffest = stiffest_spring(slopes);
+  softened_ = false;
+  for (Index row = 0; row < slopes.rows() && !softened_; ++row) {
+    softened_ = slopes(row, component(row)) * flexibility_(row) >= stiffest_rigid;
+  }
   set_tangents([&](const Joined::JoinedInterface& interface, Index first) {
     return tangent_at(slopes, interface, first, stiffest);
   });

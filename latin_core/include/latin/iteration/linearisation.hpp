@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -24,6 +25,10 @@ class Linearisation {
   /// Tangents whose stiffnesses differ by no more than this factor are near.
   static constexpr double near_factor = 3.0;
 
+  /// Whether steps of linear laws are not exact, for rigid connections were made springs.
+  [[nodiscard]] bool softened() const {
+    return std::ranges::any_of(tangents_, [](const auto& each) { return each->softened(); });
+  }
   [[nodiscard]] bool made() const { return !slopes_.empty() && hold_ == least_hold; }
   /// Take the tangents of a state.
   /// @param hold springs on all bodies, relative to the search direction

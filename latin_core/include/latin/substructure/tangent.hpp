@@ -109,6 +109,8 @@ class Tangent {
   /// The diagonal of S, (active).
   [[nodiscard]] Vector diagonal() const;
   /// First active unknown of every body, and one past the last.
+  /// Whether a rigid connection was made a spring: steps of linear laws are exact but for that.
+  [[nodiscard]] bool softened() const { return softened_; }
   [[nodiscard]] const std::vector<Index>& first_active() const { return joined_->first_active(); }
 
  private:
@@ -153,6 +155,7 @@ class Tangent {
   std::vector<Index> component_;  ///< (unknowns)
   Vector areas_;                  ///< (unknowns)
   Vector flexibility_;            ///< (unknowns)
+  bool softened_ = false;
   Vector rigid_;                  ///< what slopes are reduced by, (unknowns)
   Vector springs_;                ///< the same at most, where there are stiff springs
   Matrix slopes_;                 ///< of the last factorisation
