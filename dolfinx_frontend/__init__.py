@@ -51,6 +51,7 @@ from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.sheets.report import Report, report
 from dolfinx_frontend.solving import (
     errors,
     export,
@@ -128,6 +129,7 @@ __all__ = [
     "RandomField",
     "RandomLaws",
     "Reliability",
+    "Report",
     "Response",
     "Result",
     "ResultFileError",
@@ -165,6 +167,7 @@ __all__ = [
     "read_step",
     "reference",
     "reliability",
+    "report",
     "sample",
     "solve",
     "sparse_quadrature",

@@ -174,6 +174,17 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "solving": (),
     "io": ("facets", "paraview"),
     "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "curves"),
+    "sheets": (
+        "names",
+        "clamping",
+        "numbers",
+        "seals",
+        "statistics",
+        "page",
+        "content",
+        "pictures",
+        "report",
+    ),
 }
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
 
