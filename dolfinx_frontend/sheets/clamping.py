@@ -1,9 +1,9 @@
 """Which joints a bolt clamps, and which part of a joint belongs to which bolt.
 
-Parts that are glued move together. A bolt joins two such groups, and the contacts on the shortest ways from one
-to the other are what it clamps, without those of its own head and nut, which carry the force of the bolt. Where
-several bolts clamp one joint each of them has the points that are nearest to its axis; a point on the border,
-which stands for a piece of the joint of some size, is divided.
+Parts that are glued move together. A bolt joins two such groups, and the contacts on the shortest ways from
+one to the other are what it clamps, without those of its own head and nut, which carry the force of the bolt.
+Where several bolts clamp one joint each of them has the points that are nearest to its axis; a point on the
+border, which stands for a piece of the joint of some size, is divided.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dolfinx_frontend.sheets.names import by_pattern
 __all__ = ["Bolt", "bolts_of", "normal_of"]
 
 ALONG = 0.7
-"""A joint is across a bolt where its mean normal and the axis differ by less than arccos of this: a contact of
+"""A joint is across a bolt where the product of its mean normal and the axis is more than this: a contact of
 the shank with its hole is none."""
 SOME = 1e-3
 """A bolt that has less of every point of a joint has nothing of it."""
@@ -219,5 +219,3 @@ def _from_axis(points: Array, bolt: Bolt) -> Array:
     """(m,), distances of points from the axis of a bolt."""
     away = points - bolt.centre
     return np.asarray(np.linalg.norm(away - np.outer(away @ bolt.axis, bolt.axis), axis=1))
-
-

@@ -1,4 +1,4 @@
-"""What stands on the answer sheet: numbers with statistics and errors, their order, and what follows from it."""
+"""What stands on the answer sheet: numbers with statistics and errors, and what follows from them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dolfinx_frontend.sheets.names import BOLT, MARGINS, SEAL, Name
 from dolfinx_frontend.sheets.numbers import Numbers, margins_in, numbers_of, steps_of
 from dolfinx_frontend.sheets.page import number
 from dolfinx_frontend.sheets.seals import Seal, SealNumbers, seal_margin_in, seal_numbers
-from dolfinx_frontend.sheets.statistics import Known, below, label, statistics_of, tightened
+from dolfinx_frontend.sheets.statistics import Known, below, statistics_of, tightened
 from dolfinx_frontend.uncertainty.quantities import Estimate
 
 __all__ = ["Content", "Row", "Wanted", "content_of", "margins_of", "status_line"]
@@ -265,7 +265,9 @@ class _Rows:
         return any(len(s.angles) > 1 for s in self.wanted.seals if s.name == item)
 
     def _statistics(self, values: Array) -> dict[str, float]:
-        weights = self.answer.readings(()).weights if self.answer.statistics == "quadrature" else None
+        weights = None
+        if self.answer.statistics == "quadrature":
+            weights = self.answer.readings(()).weights  # type: ignore[attr-defined]
         return statistics_of(values, self.answer.statistics, weights, self.wanted.quantiles)
 
     def _size(self, key: str, value: float, relative: float) -> float:
@@ -292,8 +294,8 @@ def _verdicts(content: Content) -> Iterator[tuple[str, bool | None]]:
     """The sentences on top."""
     random = content.answer.statistics in ("random", "qmc")
     if content.answer.status != "converged":
-        yield (f"The run ended as “{content.answer.status}”: these numbers are not those of a converged "
-               "answer."), True  # fmt: skip
+        ended = content.answer.status
+        yield f"The run ended as “{ended}”: these numbers are not those of a converged answer.", True
     weakest = content.order[0] if content.order else None
     row = None if weakest is None else content.row(weakest, "margin")
     if weakest is not None and row is not None:
@@ -304,7 +306,8 @@ def _verdicts(content: Content) -> Iterator[tuple[str, bool | None]]:
         force = f"{number(lowest.low)} {content.wanted.units['force']}".strip()
         yield f"Lowest bolt force: {weakest}, {force}. No margin can be given, see below.", None
     if random and row is not None and len(content.order) > 1:
-        chance = _chance(content, lambda b: margins_in(content.answer, b, content.wanted.bolts, content.wanted.friction))
+        answer, wanted = content.answer, content.wanted
+        chance = _chance(content, lambda b: margins_in(answer, b, wanted.bolts, wanted.friction))
         yield f"That any bolt opens or slips has the probability {chance}.", None
     for seal in content.wanted.seals:
         if seal.name in content.seals:
@@ -345,7 +348,8 @@ def _chance(content: Content, function: Callable[[Block], Array]) -> str:
     """Probability that a margin is used up; of a chaos with contact some samples are solved for it."""
     answer, wanted = content.answer, content.wanted
     samples = wanted.samples or (SAMPLES if answer.kind == "chaos" else None)
-    quantity = answer.quantity(function, "margin", samples=samples, seed=wanted.seed)  # type: ignore[attr-defined]
+    every: Any = answer
+    quantity = every.quantity(function, "margin", samples=samples, seed=wanted.seed)
     return _shown(quantity.probability(below=float(np.nextafter(content.limit, np.inf))))
 
 
@@ -374,18 +378,23 @@ def _explain(content: Content) -> None:
     """Say what is not on the sheet, and why."""
     say, answer = content.left_out, content.answer
     if not content.wanted.bolts:
-        say.append("bolts: no interface has a preload or an imposed jump, and there is no beam; name them with "
-                   "bolts=[...]")  # fmt: skip
+        say.append(
+            "bolts: no interface has a preload or an imposed jump, and there is no beam; name them with "
+            "bolts=[...]"
+        )
     elif answer.times is None:
-        say.append("F_M, F_V, Φ, the force range and the margin against opening: there is no load history, "
-                   "solve with times=[...]")  # fmt: skip
+        say.append(
+            "F_M, F_V, Φ, the force range and the margin against opening: there is no load history, solve "
+            "with times=[...]"
+        )
     elif not any(row.key == "F_S max" for row in content.rows):
         say.append("Φ, F_SA, force range and σ_a: the history has no step after the last tightening")
     bolts = {row.item for row in content.rows if row.section == "bolt"}
     with_joint = [b.name for b in content.wanted.bolts if b.joints and b.name in bolts]
     slip = [name for name in with_joint if content.row(name, "S_G") is None]
     if slip:
-        say.append(f"safety against slip ({_few(slip)}): the law of the joint has no friction; give friction=")
+        why = "the law of the joint has no friction; give friction="
+        say.append(f"safety against slip ({_few(slip)}): {why}")
     no_area = [b.name for b in content.wanted.bolts if b.name in bolts and not np.isfinite(b.area)]
     no_area = [name for name in no_area if name not in content.wanted.areas]
     if no_area:
@@ -400,20 +409,17 @@ def status_line(content: Content) -> str:
     """Which answer it is, and how far it is to be believed."""
     answer, known = content.answer, content.known
     kind = {"qmc": "Sobol samples", "random": "samples", "quadrature": "points of a quadrature"}
-    what = answer.kind
+    what: str = answer.kind
     if answer.kind == "samples":
         what = kind.get(answer.statistics, "samples")
     mesh = shown_error(known.mesh)
     return (
-        f"{what}, {answer.status}; relative error of the iteration {shown_error(known.algebra)}, of the meshes "
-        f"{mesh}"
+        f"{what}, {answer.status}; relative error of the iteration {shown_error(known.algebra)}, of the "
+        f"meshes {mesh}"
     )
-
 
 
 def margins_of(content: Content) -> dict[str, Array]:
     """Least margins (N,) of the bolts that have one, the weakest first."""
     values = content.numbers.values
     return {name: values[name]["margin"] for name in content.order if "margin" in values[name]}
-
-

@@ -1,18 +1,15 @@
-"""What the answer sheet shows: numbers of bolts and gaskets, by the names and symbols of VDI 2230 and EN 1591."""
+"""What the answer sheet shows: numbers of bolts and gaskets, by the symbols of VDI 2230 and EN 1591."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeVar
+from fnmatch import fnmatchcase
+from typing import Any, NamedTuple
 
 from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
-from fnmatch import fnmatchcase
-
 __all__ = ["BOLT", "MARGINS", "SEAL", "Name", "by_pattern", "units_of"]
-
-V = TypeVar("V")
 
 
 class Name(NamedTuple):
@@ -99,6 +96,6 @@ def units_of(units: Any) -> dict[str, str]:
     if not named or not all(isinstance(u, str) and u.strip() for u in units):
         raise SceneError(f"report: units = {units!r}; give those of length and force, as ('mm', 'N')")
     length, force = (u.strip() for u in units)
-    known = {("mm", "N"): "MPa", ("m", "N"): "Pa", ("m", "kN"): "kPa", ("m", "MN"): "MPa", ("mm", "kN"): "GPa"}
+    known = {("mm", "N"): "MPa", ("m", "N"): "Pa", ("m", "kN"): "kPa", ("m", "MN"): "MPa"}
     stress = known.get((length, force), f"{force}/{length}²")
     return {"force": force, "stress": stress, "length": length, "": ""}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Answer, Block, chunks, stepped
 from dolfinx_frontend.results.contact import contact_states
@@ -91,7 +91,7 @@ def numbers_of(
             found.why.setdefault(f"bolt force: {error}", []).append(bolt.name)
             continue
         normal = read.interfaces[bolt.interface].values["normal"]
-        force = np.atleast_1d(normal) if answer.statistics != "value" else np.asarray(normal)[None]
+        force: Array = np.atleast_1d(normal) if answer.statistics != "value" else np.asarray(normal)[None]
         force = force if answer.times is not None else force[:, None]
         found.forces[bolt.name] = force
         own = _of_force(force, steps, bolt.name, areas.get(bolt.name, bolt.area))
@@ -100,9 +100,11 @@ def numbers_of(
     return found
 
 
-def _of_force(force: Array, steps: tuple[int, dict[str, int]] | None, name: str, area: float) -> dict[str, Array]:
+def _of_force(
+    force: Array, steps: tuple[int, dict[str, int]] | None, name: str, area: float
+) -> dict[str, Array]:
     """Numbers (N,) of a bolt alone, from its force (N, T)."""
-    found = {"F_S": force[:, -1]}
+    found: dict[str, Array] = {"F_S": force[:, -1]}
     if steps is None:
         return found
     last, own = steps
@@ -117,7 +119,7 @@ def _of_force(force: Array, steps: tuple[int, dict[str, int]] | None, name: str,
         change = after - after[:, :1]
         found["F_SA"] = _at(change, np.abs(change).argmax(axis=1))
         if np.isfinite(area):
-            found["sigma_a"] = (found["F_S max"] - found["F_S min"]) / (2.0 * area)
+            found["sigma_a"] = np.asarray((found["F_S max"] - found["F_S min"]) / (2.0 * area))
     return found
 
 
@@ -175,7 +177,7 @@ def _of_joint(
         found.why.setdefault(why, []).append(bolt.name)
 
 
-def _at(values: Array, step: Array) -> Array:
+def _at(values: Array, step: Ints) -> Array:
     """(N,) of values (N, T) at a step (N,) of each sample."""
     return np.asarray(np.take_along_axis(values, step[:, None], axis=1)[:, 0])
 

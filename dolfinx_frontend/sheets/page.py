@@ -14,11 +14,12 @@ _SYMBOL = re.compile(r"\b([A-Za-zσ])_([A-Za-z]+(?: max| min| mean)?)")
 
 _STYLE = """
 :root{--red:#c2410c;--ok:#15803d;--line:#d4d9df;--grey:#5f6b7a}
-body{font:14px/1.4 system-ui,-apple-system,"Segoe UI","DejaVu Sans",Arial,sans-serif;color:#16202c;
-max-width:88em;margin:1.5em auto;padding:0 1.2em}
+body{font:14px/1.4 system-ui,-apple-system,"Segoe UI","DejaVu Sans",Arial,sans-serif;
+color:#16202c;max-width:88em;margin:1.5em auto;padding:0 1.2em}
 h1{font-size:1.6em;margin:0}h2{font-size:1.15em;margin:1.8em 0 .5em;border-bottom:2px solid var(--line)}
 h3{font-size:1em;margin:1.2em 0 .3em}
-.sub,.note,.err{color:var(--grey)}.sub{margin:.2em 0 1em}.err{font-size:.78em;display:block;white-space:nowrap}
+.sub,.note,.err{color:var(--grey)}.sub{margin:.2em 0 1em}
+.err{font-size:.78em;display:block;white-space:nowrap}
 .low{display:block;font-size:.82em;color:#394656;white-space:nowrap}
 .verdict{border-left:6px solid var(--ok);background:#f1f8f3;padding:.7em 1em;margin:.5em 0;font-size:1.12em}
 .verdict.bad{border-color:var(--red);background:#fdf1ea}
@@ -35,14 +36,15 @@ figure{margin:.8em 0;display:inline-block;max-width:49%;vertical-align:top}
 figure img{max-width:100%;height:auto}figcaption{color:var(--grey);font-size:.9em}
 pre{background:#f4f6f8;padding:.8em;overflow-x:auto;font-size:.8em;white-space:pre-wrap}
 @media print{body{margin:0;max-width:none;font-size:10px}.wide{overflow:visible}
-h2{break-after:avoid}tr,figure,.verdict{break-inside:avoid}thead{display:table-header-group}
+h2{break-after:avoid}tr,figure,.verdict{break-inside:avoid}
+thead{display:table-header-group}
 *{print-color-adjust:exact;-webkit-print-color-adjust:exact}@page{size:A4 landscape;margin:12mm}}
 @media (max-width:60em){figure{max-width:100%}}
 """
 
 
 class Cell(NamedTuple):
-    """A cell: what it says, and below it, smaller, more and errors; plain text, symbols in it have indices."""
+    """A cell: what it says, and below it, smaller, more and errors; plain text."""
 
     text: str
     more: str = ""

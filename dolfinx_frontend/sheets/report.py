@@ -38,7 +38,7 @@ from dolfinx_frontend.sheets.names import BOLT, SEAL, by_pattern, units_of
 from dolfinx_frontend.sheets.page import Cell, number
 from dolfinx_frontend.sheets.pictures import Picture
 from dolfinx_frontend.sheets.seals import seals_of
-from dolfinx_frontend.sheets.statistics import errors_known
+from dolfinx_frontend.sheets.statistics import errors_known, label
 
 __all__ = ["Report", "report"]
 
@@ -51,8 +51,8 @@ ROUNDING = 1e-4
 MOST_JOINTS = 2
 """Joints and gaskets whose pressure is drawn."""
 NO_CHECK = (
-    "Symbols follow VDI 2230 (bolts) and EN 1591-1 / EN 13555 (gaskets). This sheet shows numbers of a finite "
-    "element model; it is no check by these or other codes."
+    "Symbols follow VDI 2230 (bolts) and EN 1591-1 and EN 13555 (gaskets). This sheet shows numbers of a "
+    "finite element model; it is no check by these or other codes."
 )
 
 
@@ -185,13 +185,13 @@ def report(
     units
         Of length and force, as ``("mm", "N")``; None: none are shown.
     bolts
-        Interfaces, or interface -> name that is shown; None: those with a preload or an imposed jump, and axial
-        forces of beams.
+        Interfaces, or interface -> name that is shown; None: those with a preload or an imposed jump, and
+        axial forces of beams.
     joints
         Bolt or pattern (``"stud *"``) -> joints that it clamps; None: found from how the parts are joined.
     seals
-        Gaskets: interface or pattern -> pressure that it needs in service, or both at assembly and in service,
-        or None.
+        Gaskets: interface or pattern -> pressure that it needs in service, or both at assembly and in
+        service, or None.
     friction
         Coefficient of joints, for all or by joint, instead of that of their law.
     stress_area
@@ -456,7 +456,11 @@ def _interfaces(content: Content) -> Iterator[str]:
     except SceneError as error:
         content.left_out.append(f"interfaces: {error}")
         return
-    shown = [n for n, c in table.columns.items() if any(not isinstance(v, float) or np.isfinite(v) for v in c)]
+    shown = [
+        name
+        for name, entries in table.columns.items()
+        if any(not isinstance(v, float) or np.isfinite(v) for v in entries)
+    ]
     rows = [
         [Cell(number(v) if isinstance(v, float) else str(v)) for n, v in row.items() if n in shown]
         for row in table.rows()
@@ -476,20 +480,21 @@ def _reading(content: Content) -> Iterator[str]:
                 yield f"{html.symbol(name.symbol)}: {html.rich(name.says)}"
     if "F_KR" in bolts:
         yield (
-            "A joint that several bolts clamp is divided among them: each has the points nearest to its axis. "
-            "Forces are those of the model: half a bolt has half the force. Stresses are axial, bending is not "
-            "in them."
+            "A joint that several bolts clamp is divided among them: each has the points nearest to its "
+            "axis. Forces are those of the model: half a bolt has half the force. Stresses are axial, "
+            "bending is not in them."
         )
     if {"m_K", "m_G"} & bolts:
         yield (
             f"A margin up to {content.limit:.0e}, ten times the error of the iteration, counts as used up. "
-            "<i>m</i><sub>G</sub> is the friction that is left over the friction when all is tightened (without "
-            "a load history: over the friction now)."
+            "<i>m</i><sub>G</sub> is the friction that is left over the friction when all is tightened "
+            "(without a load history: over the friction now)."
         )
     if content.answer.statistics in ("random", "qmc", "quadrature"):
+        levels = ", ".join(label(q) for q in content.wanted.quantiles)
         yield (
             "Numbers are computed sample by sample: mean ± standard deviation; below it the lowest and the "
-            f"highest of the quantiles asked for ({', '.join(f'{100.0 * q:g} %' for q in content.wanted.quantiles)})."
+            f"highest of the quantiles asked for ({levels})."
         )
     if content.answer.kind == "chaos":
         yield (
@@ -498,9 +503,9 @@ def _reading(content: Content) -> Iterator[str]:
         )
     how = content.known
     yield (
-        f"Errors: of the iteration ({escape(how.algebra_how)}; where it could be carried on, the change of the "
-        "number itself), of the meshes: the relative error in the energy norm times the number, of a bolt force "
-        f"times what is not prescribed of it ({escape(how.mesh_how)}): an indication and no bound."
+        f"Errors: of the iteration ({escape(how.algebra_how)}; where it could be carried on, the change "
+        "of the number itself), of the meshes: the relative error in the energy norm times the number, of a "
+        f"bolt force times what is not prescribed of it ({escape(how.mesh_how)}): an indication and no bound."
     )
 
 

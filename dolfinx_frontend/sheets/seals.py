@@ -81,11 +81,13 @@ def seals_of(answer: Answer, given: Any, arc: float) -> list[Seal]:
         pair = needs if isinstance(needs, (tuple, list)) else (None, needs)
         if len(pair) != 2:
             raise SceneError(f"{where}: give the pressure in service, or those at assembly and in service")
-        least = [None if p is None else checked_number(where, "pressure", p, above=0.0) for p in pair]
+        assembly, service = (
+            None if p is None else checked_number(where, "pressure", p, above=0.0) for p in pair
+        )
         surface = answer.surface(name)
         if surface.wrench is not None:
             raise SceneError(f"{where}: it joins mean motions of faces and has no pressure")
-        found.append(Seal(name, *least, *_windows(surface, arc)))
+        found.append(Seal(name, assembly, service, *_windows(surface, arc)))
     return found
 
 

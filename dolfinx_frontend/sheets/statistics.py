@@ -55,7 +55,8 @@ def below(values: Array, kind: Kind, limit: float) -> Estimate | None:
     """Probability that a number is at a limit or below it; None: it has none."""
     if kind not in ("random", "qmc") or not np.all(np.isfinite(values)):
         return None
-    return Quantity("number", values=values, kind=kind).probability(below=float(np.nextafter(limit, np.inf)))
+    quantity = Quantity("number", values=values, kind=kind)
+    return quantity.probability(below=float(np.nextafter(limit, np.inf)))
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,8 @@ def errors_known(answer: Answer, given: Any) -> Known:
         True: the error of the meshes is estimated where that is possible; False: nothing is computed; or
         :class:`Errors` that were measured before, e.g. those of a solve at the means.
     """
-    algebra = largest_of(np.atleast_1d(np.asarray(answer.error, dtype=np.float64)))  # type: ignore[attr-defined]
+    every: Any = answer
+    algebra = largest_of(np.atleast_1d(np.asarray(every.error, dtype=np.float64)))
     how = "estimate of the iteration"
     if isinstance(given, Errors):
         mesh = given.discretisation
