@@ -93,7 +93,7 @@ def seals_of(answer: Answer, given: Any, arc: float) -> list[Seal]:
 
 def _windows(surface: Surface, arc: float) -> tuple[Array, Array]:
     """Angles (K,) in degrees and means (K, m); the weight falls as 1 + cos to the ends of an arc."""
-    points, weights = surface.acting[0], surface.weights
+    points, weights = surface.points, surface.weights
     whole = np.zeros(1), (weights / weights.sum())[None]
     if surface.dim < 3:
         return whole
