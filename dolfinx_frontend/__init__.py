@@ -67,6 +67,7 @@ from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.expressions import Expression, expression
 from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.fitting import DistributionFit, fit_distribution
 from dolfinx_frontend.uncertainty.parameters import (
     Beta,
     FromDistribution,
@@ -94,6 +95,7 @@ __all__ = [
     "Debonding",
     "Direction",
     "Displacement",
+    "DistributionFit",
     "Elastic",
     "Errors",
     "Estimate",
@@ -157,6 +159,7 @@ __all__ = [
     "export",
     "expression",
     "figures",
+    "fit_distribution",
     "geometry",
     "io",
     "load",

@@ -70,6 +70,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "distributions",
         "expressions",
         "parameters",
+        "fitting",
         "correlated",
         "fields",
         "chaos",
