@@ -251,8 +251,8 @@ class _Rows:
             if key in MARGINS:
                 chance = below(values[key], self.answer.statistics, self.limit)
             at = self._places(values[key])
-            if angles is not None and key in angles and len(self.wanted.seals) and not at:
-                at = f"{angles[key]:.0f}°" if self._ring(item) else ""
+            if not at and self._ring(item) and np.isfinite((angles or {}).get(key, np.nan)):
+                at = f"{(angles or {})[key]:.0f}°"
             yield Row(section, item, key, name, found, algebra, mesh, chance, at)
 
     def _prescribed(self, item: str, key: str, values: Mapping[str, Array]) -> dict[str, float]:

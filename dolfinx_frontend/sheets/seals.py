@@ -19,6 +19,8 @@ __all__ = ["Seal", "SealNumbers", "seal_margin_in", "seal_numbers", "seals_of"]
 
 ANGLES = 72
 """Places around a ring."""
+SAME = 1e-6
+"""Differences of pressures below this, relative to the largest, are rounding."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,8 @@ def seal_numbers(
     least = force[:, first:].min(axis=1)
     values = {"Q_S": served.min(axis=(1, 2)), "Q_S mean": least / area}
     values |= {"Q_S max": around[:, last or 0 :].max(axis=(1, 2)), "F_G": least}
-    shown, where = {"now": served[:, -1]}, {"Q_S": _lowest(served, seal)}
+    shown = {"now": served[:, -1]}
+    where = {"Q_S": _lowest(served, seal)}
     if last is not None:
         tightened = around[:, last]
         values["Q_A"], where["Q_A"] = tightened.min(axis=1), _lowest(tightened[:, None], seal)
@@ -156,8 +159,10 @@ def seal_numbers(
 
 
 def _lowest(around: Array, seal: Seal) -> float:
-    """Angle of the lowest pressure, of the mean over the samples of (N, T, K)."""
+    """Angle of the lowest pressure, of the mean over the samples of (N, T, K); NaN: it is the same all around."""
     mean = around.mean(axis=0)
+    if np.ptp(mean, axis=1).max() <= SAME * np.abs(mean).max():
+        return float("nan")
     return float(seal.angles[np.unravel_index(mean.argmin(), mean.shape)[1]])
 
 

@@ -240,7 +240,12 @@ def fit_distribution(
     ot = openturns()
     # a fit must not depend on the unit: routines of optimisation have absolute tolerances
     scale = float(np.abs(values).mean())
-    found = list(_fitted(ot, values, allowed, scale, resamples, rng))
+    told = ot.Log.Flags()
+    ot.Log.Show(ot.Log.NONE)  # a search that fails is a candidate less
+    try:
+        found = list(_fitted(ot, values, allowed, scale, resamples, rng))
+    finally:
+        ot.Log.Show(told)
     if not found:
         raise SceneError(f"{where}: none of {', '.join(allowed)} could be fitted; try candidates=['normal']")
     found.sort(key=lambda each: (not each.fits, getattr(each, criterion)))
