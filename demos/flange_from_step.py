@@ -31,8 +31,8 @@ Answer sheets
     factor, residual clamping and margins, for the gasket its pressure against what it needs, with errors.
 
 Checks
-    balance of bolts, gasket and pressure; preload; symmetry under rotation by one bolt; the sheets against the
-    forces that the demo computes itself.
+    balance of bolts, gasket and pressure; preload; symmetry under rotation by one bolt; the sheets against
+    the forces that the demo computes itself.
 """
 
 from __future__ import annotations

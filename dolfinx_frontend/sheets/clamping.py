@@ -200,6 +200,8 @@ def _with_points(
 ) -> Bolt:
     if not clamped[bolt.name]:
         why = "no contact or elastic joint across its axis that it clamps was found: name it with joints="
+        if not set(answer.known) - {each.interface for each in bolts}:
+            why = "joints: their forces are not known here (eliminated, or saved without fields)"
         return Bolt(bolt.name, bolt.interface, bolt.axis, bolt.centre, bolt.area, why=why)
     own: dict[str, Array] = {}
     for joint in clamped[bolt.name]:

@@ -314,29 +314,33 @@ def _verdicts(content: Content) -> Iterator[tuple[str, bool | None]]:
             yield _of_seal(content, seal, random)
 
 
-def _weakest(content: Content, name: str, row: Row) -> tuple[str, bool]:
+def _weakest(content: Content, name: str, row: Row) -> tuple[str, bool | None]:
     """The sentence about the weakest bolt."""
     modes = {k: r.low for k in MODES if (r := content.row(name, k)) is not None}
     mode = MODES[min(modes, key=lambda k: modes[k])]
     joint = content.numbers.joint.get(name, "")
-    used = row.low <= content.limit
     text = f"Weakest bolt: {name}, margin {number(row.statistics[row.main])} against {mode} of “{joint}”"
-    if "mean" in row.statistics:
+    mean = "mean" in row.statistics
+    if mean:
         least = [k for k in row.statistics if k.endswith("%")]
         text += f" (mean; {number(row.low)} at {least[0]})" if least else " (mean)"
     elif "lowest" in row.statistics:
         text += f" ({row.at.partition(';')[0]})"
-    text += ": " + ("nothing is left. " if used else "")
     rest, whole = content.row(name, "F_KR"), content.row(name, "F_KV")
     if rest is not None and whole is not None:
         unit = f" {content.wanted.units['force']}".rstrip()
-        text += f"{number(rest.statistics[rest.main])} of {number(whole.statistics[whole.main])}{unit}"
-        text += " of clamping force are left."
-    else:
-        text = text.rstrip(": ") + "."
+        before, after = (number(each.statistics[each.main]) for each in (whole, rest))
+        text += f": {'on average ' if mean else ''}the clamping force falls from {before}{unit} to "
+        text += f"{after}{unit}"
+    text += "." if mean or row.low > content.limit else f". Nothing is left: {mode}."
     if row.probability is not None:
-        text += f" Probability that it opens or slips: {_shown(row.probability)}."
-    return text, used
+        answer, wanted = content.answer, content.wanted
+        chance = _shown(row.probability)
+        if answer.kind == "chaos":  # with solved samples
+            own = [bolt for bolt in wanted.bolts if bolt.name == name]
+            chance = _chance(content, lambda b: margins_in(answer, b, own, wanted.friction))
+        text += f" Probability that it opens or slips: {chance}."
+    return text, _bad(row, content.limit)
 
 
 def _shown(chance: Estimate) -> str:
@@ -371,7 +375,14 @@ def _of_seal(content: Content, seal: Seal, random: bool) -> tuple[str, bool | No
         step = None if last is None else last[0]
         chance = _chance(content, lambda b: seal_margin_in(content.answer, b, seal, step))
         text += f" Probability that it is less: {chance}."
-    return text, row.low <= 0.0
+    return text, _bad(row, 0.0)
+
+
+def _bad(row: Row, limit: float) -> bool | None:
+    """Whether a margin is bad news; None: it is used up in some samples, but in few."""
+    if row.low <= limit:
+        return True
+    return None if row.probability is not None and row.probability.value > 0.0 else False
 
 
 def _explain(content: Content) -> None:
@@ -379,8 +390,8 @@ def _explain(content: Content) -> None:
     say, answer = content.left_out, content.answer
     if not content.wanted.bolts:
         say.append(
-            "bolts: no interface has a preload or an imposed jump, and there is no beam; name them with "
-            "bolts=[...]"
+            "bolts: none was chosen, or no interface has a preload or an imposed jump, and there is no beam; "
+            "name them with bolts=[...]"
         )
     elif answer.times is None:
         say.append(

@@ -159,7 +159,7 @@ def seal_numbers(
 
 
 def _lowest(around: Array, seal: Seal) -> float:
-    """Angle of the lowest pressure, of the mean over the samples of (N, T, K); NaN: it is the same all around."""
+    """Angle of the lowest pressure, of the mean over the samples of (N, T, K); NaN: it is all the same."""
     mean = around.mean(axis=0)
     if np.ptp(mean, axis=1).max() <= SAME * np.abs(mean).max():
         return float("nan")

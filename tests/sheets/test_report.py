@@ -108,7 +108,7 @@ def test_open_joint() -> None:
     assert sheet.value("bolt", "F_S max") == pytest.approx(2.0 * PRELOAD, rel=1e-5)
     assert sheet.value("bolt", "m_K") == pytest.approx(0.0, abs=1e-6)
     assert sheet.value("bolt", "open") == pytest.approx(1.0)
-    assert "nothing is left" in sheet.sentences[0] and "verdict bad" in sheet.html
+    assert "Nothing is left" in sheet.sentences[0] and "verdict bad" in sheet.html
 
 
 def test_random_preload() -> None:
@@ -133,8 +133,20 @@ def test_random_preload() -> None:
     chaos = lf.solve(joint(lf.LogNormal("F", PRELOAD, cov=0.05)), chaos=3, times=TIMES, progress=False)
     other = lf.report(chaos, pictures=False, samples=500)
     assert other.value("bolt", "F_V", "mean") == pytest.approx(PRELOAD, rel=5.0 * 0.05 / np.sqrt(500))
+    assert "Probability" in other.sentences[0]
     assert other.value("bolt", "Phi", "std") < 1e-4
     assert other.value("bolt", "Phi", "mean") == pytest.approx(PHI, rel=1e-4)
+
+
+def test_chance_by_a_chaos_is_checked_by_solves() -> None:
+    """A chaos does not follow the joint as it opens; the sentence on top does: exact P in its interval."""
+    limit = (1.0 - PHI) * LOAD
+    mean, deviation = 1.2 * limit, np.sqrt(np.log(1.01))
+    exact = stats.norm.cdf((np.log(limit / mean) + 0.5 * deviation**2) / deviation)
+    chaos = lf.solve(joint(lf.LogNormal("F", mean, cov=0.1)), chaos=4, times=TIMES, progress=False)
+    sheet = lf.report(chaos, pictures=False, samples=2000, errors=False)
+    found = re.search(r"slips: [\d.]+ \[([\d.]+), ([\d.]+)\]", sheet.sentences[0])
+    assert found is not None and float(found[1]) < exact < float(found[2])
 
 
 def test_sweep_and_a_loaded_answer(tmp_path: Path) -> None:
