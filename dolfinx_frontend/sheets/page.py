@@ -39,7 +39,7 @@ pre{background:#f4f6f8;padding:.8em;overflow-x:auto;font-size:.8em;white-space:p
 h2{break-after:avoid}tr,figure,.verdict{break-inside:avoid}
 thead{display:table-header-group}
 *{print-color-adjust:exact;-webkit-print-color-adjust:exact}@page{size:A4 landscape;margin:12mm}}
-@media (max-width:60em){figure{max-width:100%}}
+@media screen and (max-width:60em){figure{max-width:100%}}
 """
 
 

@@ -49,7 +49,13 @@ def draw(title: str, make: Callable[[Path], object]) -> Picture | str:
 
 
 def _with(unit: str, text: str) -> str:
-    return f"{text} ({unit})" if unit else text
+    return f"{text} ({_plain(unit)})" if unit else text
+
+
+def _plain(text: str) -> str:
+    """A text that matplotlib shows as it is: no formula, and no label that it hides."""
+    shown = text.replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
 
 
 def forces_picture(
@@ -69,7 +75,7 @@ def forces_picture(
             lw=2.4 if bold else 1.1,
             ls="-" if k < len(LINES) or bold else "--",
             marker="." if len(times) < 40 else None,
-            label=name if name in named else None,
+            label=_plain(name) if name in named else None,
             zorder=3 if bold else 2,
         )
         if len(force) > 1 and (bold or len(forces) == 1):
@@ -98,7 +104,7 @@ def margins_picture(margins: Mapping[str, Array], path: Path) -> None:
             low, high = np.quantile(values, BAND)
             axis.plot([low, high], [k, k], color="black", lw=1.4, marker="|")
     axis.axvline(0.0, color="black", lw=1.0)
-    axis.set_yticks(range(len(names)), names)
+    axis.set_yticks(range(len(names)), [_plain(name) for name in names])
     axis.invert_yaxis()
     lowest = min(float(np.quantile(margins[n], BAND[0])) for n in names)
     axis.set_xlim(min(0.0, lowest) * 1.05, max(1.0, *(float(np.mean(margins[n])) for n in names)))
@@ -134,21 +140,22 @@ def ring_picture(seal: Seal, numbers: SealNumbers, unit: str, path: Path) -> Non
 
 
 def solid_pictures(
-    answer: Any, interfaces: Sequence[str], units: Mapping[str, str]
+    answer: Any, interfaces: Sequence[str], units: Mapping[str, str], renderer: str
 ) -> list[Picture | str]:
     """The assembly, and the pressure on some of its interfaces."""
     found = []
     for name in interfaces:
 
         def pressure(path: Path, name: str = name) -> object:
-            return interface_figure(answer, name, path, label=_with(units["stress"], "pressure"))
+            label = _with(units["stress"], "pressure")
+            return interface_figure(answer, name, path, label=label, renderer=renderer)
 
         found.append(draw(f"pressure on {name}", pressure))
     title = "the assembly, deformed"
     label = _with(units["length"], "|u|")
     if answer.without_displacements is not None:
         return [*found, f"{title}: {answer.without_displacements}"]
-    return [*found, draw(title, lambda path: deformed_figure(answer, path, label=label))]
+    return [*found, draw(title, lambda p: deformed_figure(answer, p, label=label, renderer=renderer))]
 
 
 def shown_answer(answer: Answer) -> str:

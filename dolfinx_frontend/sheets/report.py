@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from dolfinx_frontend.common.checks import (
     checked_number,
     checked_numbers,
     checked_path,
+    checked_word,
 )
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
@@ -168,6 +169,7 @@ def report(
     quantiles: Sequence[float] = QUANTILES,
     errors: Any = True,
     pictures: bool = True,
+    renderer: Literal["auto", "vtk", "matplotlib"] = "auto",
     samples: int | None = None,
     seed: int = 0,
 ) -> Report:
@@ -203,8 +205,8 @@ def report(
     errors
         True: the iteration is carried on to a tenth of its error, and the error of the meshes is estimated,
         where that is possible; False: neither; or the :class:`Errors` of another answer on these meshes.
-    pictures
-        Whether there are any.
+    pictures, renderer
+        Whether there are any, and what draws solids, see :func:`dolfinx_frontend.figures.assembly_figure`.
     samples, seed
         Of a chaos: this many random samples (None: 4096).
 
@@ -221,6 +223,7 @@ def report(
         _paths(path)
     checked_name("report, title", title)
     checked_flag("report", "pictures", pictures)
+    checked_word("report", "renderer", renderer, ("auto", "vtk", "matplotlib"))
     checked_number("report", "arc", arc, above=0.0, most=1.0)
     levels = checked_numbers("report", "quantiles", quantiles, "give probabilities", dimensions=1)
     for q in levels:
@@ -239,7 +242,7 @@ def report(
     )
     known = errors_known(result, errors)
     content = content_of(result, wanted, known, errors is True)
-    images = _pictures(content) if pictures else []
+    images = _pictures(content, renderer) if pictures else []
     sheet = html.page(title, _sections(content, title, images))
     made = Report(
         sheet,
@@ -263,7 +266,7 @@ def _positive(what: str, given: Any, names: list[str], least: bool = False) -> d
 
 
 # --- pictures --------------------------------------------------------------------------------------
-def _pictures(content: Content) -> list[Picture | str]:
+def _pictures(content: Content, renderer: str) -> list[Picture | str]:
     answer, units = content.answer, content.wanted.units
     found: list[Picture | str] = []
     margins = margins_of(content)
@@ -289,7 +292,7 @@ def _pictures(content: Content) -> list[Picture | str]:
             found.append(drawn.draw(f"pressure around {seal.name}", ring))
     first = [content.numbers.joint[n] for n in content.order if n in content.numbers.joint]
     names = list(dict.fromkeys([*(s.name for s in content.wanted.seals), *first]))[:MOST_JOINTS]
-    return [*found, *drawn.solid_pictures(answer, names, units)]
+    return [*found, *drawn.solid_pictures(answer, names, units, renderer)]
 
 
 # --- the page --------------------------------------------------------------------------------------
@@ -436,7 +439,7 @@ def _details(content: Content, section: str, items: Sequence[str]) -> str:
             zero, unit = zeros[row.name.of], units[row.name.of]
             cells = [
                 Cell(names[row.key].symbol, ours=True),
-                Cell(row.name.says, unit and f"in {unit}", ours=True),
+                Cell(f"{row.name.says}, {unit}" if unit else row.name.says, ours=True),
             ]
             cells += [Cell(number(row.statistics.get(s, float("nan")), zero)) for s in statistics]
             if chances:

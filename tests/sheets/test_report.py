@@ -221,6 +221,7 @@ def test_messages(tmp_path: Path) -> None:
     refused(lambda: lf.report(result, units="mm"), "units", "('mm', 'N')")
     refused(lambda: lf.report(result, quantiles=[2.0]), "quantile")
     refused(lambda: lf.report(result, errors=3), "errors", "True, False")
+    refused(lambda: lf.report(result, renderer="vtl"), "renderer", "'vtl'")  # type: ignore[arg-type]
     refused(lambda: lf.report(result, tmp_path / "sheet.pdf"), "sheet.pdf", "a browser prints PDF")
     refused(lambda: lf.report(result, bolts={"bolt.axial": ""}), "name")
     sheet = lf.report(result, pictures=False)
@@ -232,9 +233,10 @@ def test_messages(tmp_path: Path) -> None:
 
 
 def test_pictures_are_in_the_page() -> None:
-    sheet = lf.report(lf.solve(joint(), times=TIMES))
+    answer = lf.solve(joint(name="_$a_b$<"), times=TIMES)
+    sheet = lf.report(answer, renderer="matplotlib", units=("mm", "$N"), seals={"joint": None})
     images = re.findall(r"src='data:image/png;base64,([^']{100,})'", sheet.html)
-    assert len(images) == 4  # margins, forces, pressure on the joint, the assembly
+    assert len(images) == 5  # margins, forces, around the joint, pressure on it, the assembly
     assert len(sheet.html) < 1_000_000
 
 
