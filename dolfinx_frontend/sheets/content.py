@@ -327,8 +327,12 @@ def _weakest(content: Content, name: str, row: Row) -> tuple[str, bool | None]:
     elif "lowest" in row.statistics:
         text += f" ({row.at.partition(';')[0]})"
     rest, whole = content.row(name, "F_KR"), content.row(name, "F_KV")
-    if rest is not None and whole is not None:
-        unit = f" {content.wanted.units['force']}".rstrip()
+    safety, shear = content.row(name, "S_G"), content.row(name, "F_Q")
+    unit = f" {content.wanted.units['force']}".rstrip()
+    if mode == MODES["m_G"] and safety is not None and shear is not None:
+        text += f": S_G is {number(safety.low)} where the shear force is up to "
+        text += f"{number(max(shear.statistics.values()))}{unit}"
+    elif rest is not None and whole is not None:
         before, after = (number(each.statistics[each.main]) for each in (whole, rest))
         text += f": {'on average ' if mean else ''}the clamping force falls from {before}{unit} to "
         text += f"{after}{unit}"

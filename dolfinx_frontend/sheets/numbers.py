@@ -17,7 +17,9 @@ from dolfinx_frontend.sheets.clamping import Bolt
 __all__ = ["Numbers", "margins_in", "numbers_of", "steps_of"]
 
 NOTHING = 1e-6
-"""A load or a clamping force below this share of the bolt force is none."""
+"""A shear or clamping force below this share of the largest is none."""
+LITTLE = 0.01
+"""An axial load below this share of the bolt force has no load factor."""
 
 
 @dataclass(frozen=True)
@@ -170,10 +172,10 @@ def _of_joint(
     load = max(loads, key=lambda each: float(np.abs(each).max()))
     at = np.abs(load).argmax(axis=1)
     own["F_A"] = _at(load, at)
-    if np.all(np.abs(own["F_A"]) > NOTHING * np.abs(after).max()):
+    if np.all(np.abs(own["F_A"]) > LITTLE * np.abs(after).max()):
         own["Phi"] = _at(after - after[:, :1], at) / own["F_A"]
     else:
-        why = "Φ: no axial load acts on bolt and joint after tightening"
+        why = "Φ: no axial load of 1 % of the bolt force acts on bolt and joint after tightening"
         found.why.setdefault(why, []).append(bolt.name)
 
 

@@ -26,8 +26,8 @@ h3{font-size:1em;margin:1.2em 0 .3em}
 .verdict.plain{border-color:var(--grey);background:#f4f6f8}
 table{border-collapse:collapse;margin:.4em 0;font-variant-numeric:tabular-nums}
 .wide{overflow-x:auto}
-th,td{border-bottom:1px solid var(--line);padding:.25em .6em;text-align:right;vertical-align:top}
-th{background:#eef1f4;border-bottom:2px solid #b9c2cc;font-weight:600}
+th,td{border-bottom:1px solid var(--line);padding:.25em .5em;text-align:right;vertical-align:top}
+th{white-space:nowrap;background:#eef1f4;border-bottom:2px solid #b9c2cc;font-weight:600}
 td.l,th.l{text-align:left}td.n{white-space:nowrap}
 tr.weak td{background:#fde3d3}tr.weak td.l{font-weight:700}
 tr.head td{background:#f4f6f8;font-weight:600;text-align:left}

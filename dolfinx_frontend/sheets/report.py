@@ -47,8 +47,6 @@ RANKED = ("margin", "m_K", "m_G", "F_V", "F_S max", "F_S", "F_KR", "Phi", "sigma
 """Columns of the first table; beside the highest bolt force stands the lowest."""
 ZERO = 1e-8
 """What is shown as 0, relative to the largest number of its kind."""
-ROUNDING = 1e-4
-"""The same of errors, relative to that."""
 MOST_JOINTS = 2
 """Joints and gaskets whose pressure is drawn."""
 NO_CHECK = (
@@ -332,7 +330,7 @@ def _zeros(content: Content) -> dict[str, float]:
     for row in content.rows:
         sizes = [abs(v) for v in row.statistics.values() if np.isfinite(v)]
         largest[row.name.of] = max([largest.get(row.name.of, 0.0), *sizes])
-    return {of: ZERO * size if of else 1e-9 for of, size in largest.items()}
+    return {of: ZERO * size if of else ZERO for of, size in largest.items()}
 
 
 def _cell(row: Row | None, zeros: Mapping[str, float], limit: float) -> Cell:
@@ -366,7 +364,7 @@ def _error(row: Row, statistic: str, zero: float) -> str:
 
 def _short(error: float, zero: float) -> str:
     """An error in two digits."""
-    if error <= ROUNDING * zero:
+    if error <= zero:
         return "0"
     text = f"{error:.1e}" if error < 1e-3 or error >= 1e4 else f"{float(f'{error:.2g}'):g}"
     return text.replace("e-0", "e-").replace("e+0", "e")
