@@ -26,8 +26,13 @@ Random variables
     stiffness of the filler (lognormal, 25 %). The joint leaks where the pressure on the gasket, averaged over
     its width and an eighth of its circumference, is below 2 times the pressure inside.
 
+Answer sheets
+    ``tightened.html`` and ``scatter.html`` (numbers in ``.csv``): for each bolt preload, force range, load
+    factor, residual clamping and margins, for the gasket its pressure against what it needs, with errors.
+
 Checks
-    balance of bolts, gasket and pressure; preload; symmetry under rotation by one bolt.
+    balance of bolts, gasket and pressure; preload; symmetry under rotation by one bolt; the sheets against
+    the forces that the demo computes itself.
 """
 
 from __future__ import annotations
@@ -56,6 +61,7 @@ from dolfinx_frontend import (
     Preload,
     Problem,
     RandomLaws,
+    Report,
     SampleResult,
     Scene,
     assemble,
@@ -63,6 +69,7 @@ from dolfinx_frontend import (
     io,
     quasi_monte_carlo,
     read_step,
+    report,
     sample,
     solve,
 )
@@ -82,6 +89,8 @@ STAR = (1, 5, 3, 7, 2, 6, 4, 8)
 ROUND = (1, 2, 3, 4, 5, 6, 7, 8)
 SCATTER = 0.10  # of the preloads
 FILLER_SCATTER = 0.25
+
+STRESS_AREA = 245.0  # mm^2, of M20
 
 BOLTS = tuple(f"stud {k}-|stud {k}+" for k in ROUND)
 SEAT = "upper flange|gasket"
@@ -299,6 +308,21 @@ def leak_figure(least: Any, forces: Array, path: Path) -> Path:
 # %% The studies
 
 
+def answer_sheet(answer: Any, path: Path, title: str, pictures: bool, errors: Any = True) -> Report:
+    """The bolts and the gasket of an answer, written as HTML and CSV."""
+    return report(
+        answer,
+        path,
+        title=title,
+        units=("mm", "N"),
+        bolts={name: f"bolt {k}" for k, name in zip(ROUND, BOLTS, strict=True)},
+        seals={SEAT: LEAK * PRESSURE},
+        stress_area=STRESS_AREA,
+        errors=errors,
+        pictures=pictures,
+    )
+
+
 def rotation_error(problem: Problem, times: Array, options: Options) -> tuple[float, float]:
     """Deviation from rotational symmetry: one bolt after another is tightened 10 % more than the others.
 
@@ -428,7 +452,15 @@ all bolts alike: spread         {spread:9.1e} of the preload
 one bolt tighter, bolt forces   {turned:9.1e} of the preload
 one bolt tighter, gasket        {shape_error:9.1e} of the mean pressure""")
 
+    drawn_too = not given.no_figures
+    title = f"Flange, bolts tightened in turn, {PRESSURE:g} MPa"
+    sheet = answer_sheet(result, given.output / "tightened.html", title, drawn_too)
+    title = f"Flange, random preloads and gasket, {PRESSURE:g} MPa"
+    scatter = answer_sheet(drawn, given.output / "scatter.html", title, drawn_too, nominal.errors())
+    print(f"\n{sheet.sentences[0]}\n\nwith scatter\n" + "\n".join(scatter.sentences))
+
     paths = [io.write_fields(result, given.output / "flange.vtm")]
+    paths += [given.output / "tightened.html", given.output / "scatter.html"]
     if not given.no_figures:
         paths.append(tightening_figure(sequence, result, steps, given.output / "tightening.png"))
         paths.append(leak_figure(least, preloads, given.output / "leak.png"))
@@ -443,6 +475,12 @@ one bolt tighter, gasket        {shape_error:9.1e} of the mean pressure""")
     assert len(assembly.parts) > 25
     assert max(rest, sample_rest) < 1e-6, f"bolts, gasket and pressure: {rest:.1e}, {sample_rest:.1e}"
     assert max(at_turn) < 1e-2 and reached < 1e-2, f"preload missed by {max(at_turn):.1e}, {reached:.1e}"
+    told = np.array([[sheet.value(f"bolt {k}", key) for key in ("F_V", "F_S", "F_KV")] for k in ROUND])
+    assert np.allclose(told[:, 0], forces[-2]) and np.allclose(told[:, 1], forces[-1])
+    assert abs(told[:, 2].sum() / forces[-2].sum() - 1.0) < 1e-4, "the bolts share the force of the gasket"
+    assert np.isclose(scatter.value("bolt 1", "F_S", "mean"), bolt_forces(uncertain, drawn)[:, -1, 0].mean())
+    assert np.isclose(scatter.value(SEAT, "Q_S", "mean"), mean)
+    assert np.isclose(scatter.value(SEAT, "m_L", "P(used up)"), leak.value)
     assert final < 1e-2, f"after the last round a bolt is off by {final:.1%}"
     assert max(spread, turned, shape_error) < 1e-2, f"rotated: {turned:.1e}, {shape_error:.1e}"
     print("all checks passed")

@@ -51,6 +51,7 @@ from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.sheets.report import Report, report
 from dolfinx_frontend.solving import (
     errors,
     export,
@@ -66,6 +67,7 @@ from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.expressions import Expression, expression
 from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.fitting import DistributionFit, fit_distribution
 from dolfinx_frontend.uncertainty.parameters import (
     Beta,
     FromDistribution,
@@ -93,6 +95,7 @@ __all__ = [
     "Debonding",
     "Direction",
     "Displacement",
+    "DistributionFit",
     "Elastic",
     "Errors",
     "Estimate",
@@ -128,6 +131,7 @@ __all__ = [
     "RandomField",
     "RandomLaws",
     "Reliability",
+    "Report",
     "Response",
     "Result",
     "ResultFileError",
@@ -155,6 +159,7 @@ __all__ = [
     "export",
     "expression",
     "figures",
+    "fit_distribution",
     "geometry",
     "io",
     "load",
@@ -165,6 +170,7 @@ __all__ = [
     "read_step",
     "reference",
     "reliability",
+    "report",
     "sample",
     "solve",
     "sparse_quadrature",

@@ -70,6 +70,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "distributions",
         "expressions",
         "parameters",
+        "fitting",
         "correlated",
         "fields",
         "chaos",
@@ -174,6 +175,17 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "solving": (),
     "io": ("facets", "paraview"),
     "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "curves"),
+    "sheets": (
+        "names",
+        "clamping",
+        "numbers",
+        "seals",
+        "statistics",
+        "page",
+        "content",
+        "pictures",
+        "report",
+    ),
 }
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
 

@@ -178,7 +178,8 @@ def discretisation_error(
     if problem.comm is not None:
         found = {n: each for some in exchanged(problem.comm, found) for n, each in some.items()}
     found = {name: found[name] for name in problem.parts}
-    whole = float(np.sqrt(sum(each.norm for each in found.values())))
+    # of rigid motions rounding may leave an energy below 0
+    whole = float(np.sqrt(max(sum(each.norm for each in found.values()), 0.0)))
     if not np.isfinite(whole):
         raise SceneError(
             "discretisation_error: the energies of the result leave the range of numbers; scale the loads, "

@@ -155,7 +155,9 @@ def _scale_of(values: Array, quantity: str) -> tuple[Any, Any]:
     if quantity == "state":
         return BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3), ListedColormap(STATE_COLOURS)
     low, high = float(values.min()), float(values.max())
-    return Normalize(low, high if high > low else low + max(abs(low), 1.0) * 1e-6), colormaps["viridis"]
+    if high - low <= 1e-6 * max(abs(low), abs(high)):  # all the same: rounding is no field
+        low, high = low - 0.01 * max(abs(low), 1.0), high + 0.01 * max(abs(high), 1.0)
+    return Normalize(low, high), colormaps["viridis"]
 
 
 def _between(weights: Array, values: Array, quantity: str) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
@@ -16,6 +15,7 @@ from dolfinx_frontend.common.checks import check_kind, check_known, checked_name
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.formats.chaos_file import one_dimensional
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
+from dolfinx_frontend.uncertainty.fitting import openturns
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
@@ -25,16 +25,6 @@ __all__ = ["function_of", "to_openturns"]
 # ---------------------------------------------------------------------------------------------
 # OpenTURNS
 # ---------------------------------------------------------------------------------------------
-def _openturns() -> Any:
-    try:
-        return importlib.import_module("openturns")
-    except ImportError as error:
-        raise SceneError(
-            "this needs OpenTURNS, which is not installed: pip install openturns, or "
-            "conda install -c conda-forge openturns"
-        ) from error
-
-
 def _continuous(ot: Any, law: Any, shift: float, scale: float) -> Any:
     """The law of (x - shift) / scale as an OpenTURNS distribution."""
     low, high = (float((end - shift) / scale) for end in law.support())
@@ -144,7 +134,7 @@ def to_openturns(
     if len(rows) != len(block):
         raise SceneError(f"to_openturns: {len(rows)} names for {len(block)} rows")
     check_known("inputs", inputs, ("parameters", "germs"), "to_openturns")
-    ot = _openturns()
+    ot = openturns()
     inputs_of = _inputs(ot, space, inputs == "germs")
     product = _product_basis(ot, inputs_of.germs)
     enumeration = product.getEnumerateFunction()
@@ -320,7 +310,7 @@ def function_of(
     SceneError
         OpenTURNS is not installed.
     """
-    ot = _openturns()
+    ot = openturns()
 
     def at(points: Any) -> Array:
         return call(np.array(points, dtype=np.float64).reshape(-1, len(inputs)))

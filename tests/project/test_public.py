@@ -28,6 +28,7 @@ from dolfinx_frontend import (
     Debonding,
     Direction,
     Displacement,
+    DistributionFit,
     Elastic,
     FromDistribution,
     FromSamples,
@@ -59,11 +60,13 @@ from dolfinx_frontend import (
     make_plan,
     read_step,
     reliability,
+    report,
     solve,
     sweep,
 )
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan import random_laws as stochastic
+from dolfinx_frontend.uncertainty.fitting import Candidate
 from tests.kernel import bars
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -202,6 +205,8 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(load(tmp_path_factory.getbasetemp() / "public0" / "a.h5"), quantity, quantity.mean()),
         stochastic.RandomLaws.of(problem),
         *questions(problem),
+        report(result, pictures=False, errors=False),
+        DistributionFit("k", 9, (Candidate("normal", None, 1.0, 0.1, 3.0, 3.5, 0.4, 0.3),), ("few values",)),
         result.solver.linearised(result.laws, result.state),
         *kernel(),
         latin_core.SweptParameter("layer", "normal", np.ones((1, 1)), MANY[None]),
