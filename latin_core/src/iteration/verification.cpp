@@ -62,10 +62,32 @@ constexpr double within_rounding = 10.0;
 /// An estimate of rounding below so many tolerances is no reason to refuse an answer.
 constexpr double bearable_rounding = 3.0;
 
+/// Operations of the iteration that solving for all columns at once spares, of every column, by the squares of the
+/// active unknowns of the bodies.
+constexpr double spared_by_column = 100.0;
+
+/// Whether a chaos with random stiffnesses has so many columns that the structure of the means costs less than
+/// iterating on them: the factors themselves have cost more.
+bool pays_with_columns(const substructure::Laws& laws) {
+  if (!laws.scales_anywhere() || !substructure::Coupled::possible(laws)) {
+    return false;
+  }
+  double squares = 0.0;
+  for (const substructure::Body& body : laws.structure().bodies()) {
+    squares += static_cast<double>(body.active()) * static_cast<double>(body.active());
+  }
+  const auto columns = static_cast<double>(laws.modes() * laws.steps());
+  return laws.structure().work().condense <= spared_by_column * columns * squares;
+}
+
+bool affords_tangent(const substructure::Laws& laws) {
+  return Tangent::possible(laws.structure()) || pays_with_columns(laws);
+}
+
 }  // namespace
 
 bool Verification::known(const substructure::Laws& laws) {
-  return Tangent::possible(laws.structure()) &&
+  return affords_tangent(laws) &&
          (!laws.scales_anywhere() || laws.stiffness_is_one()) &&
          (laws.steps() <= most_steps_of_history || !laws.remembers_anywhere());
 }
@@ -84,7 +106,7 @@ bool Verification::exact(const substructure::Laws& laws) {
 }
 
 bool Verification::coupled(const substructure::Laws& laws) {
-  return substructure::Coupled::possible(laws) && Tangent::possible(laws.structure());
+  return substructure::Coupled::possible(laws) && affords_tangent(laws);
 }
 
 bool Verification::solve_coupled(const State& state, double tolerance, Matrix& step) {
