@@ -29,7 +29,7 @@ from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.plan.coarse import Moments
-from dolfinx_frontend.plan.cost import Cost, newton_is_dense, predict
+from dolfinx_frontend.plan.cost import Cost, blocks_fit, newton_is_dense, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
@@ -441,6 +441,8 @@ def make_plan(
             f"({reasons[kept[0]]}); use 'auto'"
         )
     chosen, options, reason = _iteration(kept, method, options)
+    if factors and options.operator == "automatic" and blocks_fit(problem, kept, options):
+        options = options.with_(operator="condensed")  # factors of a stiffness need dense blocks
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
     newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)

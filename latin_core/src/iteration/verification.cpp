@@ -62,26 +62,11 @@ constexpr double within_rounding = 10.0;
 /// An estimate of rounding below so many tolerances is no reason to refuse an answer.
 constexpr double bearable_rounding = 3.0;
 
-/// Operations of the iteration that solving for all columns at once spares, of every column, by the squares of the
-/// active unknowns of the bodies.
-constexpr double spared_by_column = 100.0;
-
-/// Whether a chaos with random stiffnesses has so many columns that the structure of the means costs less than
-/// iterating on them: the factors themselves have cost more.
-bool pays_with_columns(const substructure::Laws& laws) {
-  if (!laws.scales_anywhere() || !substructure::Coupled::possible(laws)) {
-    return false;
-  }
-  double squares = 0.0;
-  for (const substructure::Body& body : laws.structure().bodies()) {
-    squares += static_cast<double>(body.active()) * static_cast<double>(body.active());
-  }
-  const auto columns = static_cast<double>(laws.modes() * laws.steps());
-  return laws.structure().work().condense <= spared_by_column * columns * squares;
-}
-
+/// Whether the structure of the means is worth its price: of a chaos with random stiffnesses, whose bodies have dense
+/// blocks that cost more, it replaces up to hundreds of iterations on all columns.
 bool affords_tangent(const substructure::Laws& laws) {
-  return Tangent::possible(laws.structure()) || pays_with_columns(laws);
+  return Tangent::possible(laws.structure()) ||
+         (laws.scales_anywhere() && substructure::Coupled::possible(laws));
 }
 
 }  // namespace
