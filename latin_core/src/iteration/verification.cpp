@@ -72,8 +72,7 @@ bool affords_tangent(const substructure::Laws& laws) {
 }  // namespace
 
 bool Verification::known(const substructure::Laws& laws) {
-  return affords_tangent(laws) &&
-         (!laws.scales_anywhere() || laws.stiffness_is_one()) &&
+  return affords_tangent(laws) && (!laws.scales_anywhere() || laws.stiffness_is_one()) &&
          (laws.steps() <= most_steps_of_history || !laws.remembers_anywhere());
 }
 
