@@ -150,6 +150,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "solvers": (
         "support",
+        "loose",
         "refinement",
         "collocation",
         "deterministic",

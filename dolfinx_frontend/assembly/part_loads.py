@@ -128,8 +128,8 @@ def _check_linear(where: str, form: Any) -> None:
     except (ufl.algorithms.check_arities.ArityMismatch, ValueError) as err:
         why = f": {err}" if isinstance(err, ufl.algorithms.check_arities.ArityMismatch) else ""
         raise SceneError(
-            f"{where}: what the form returned is not linear in the test function{why}; every term has it once, as "
-            "in lambda v: ufl.inner(b, v)"
+            f"{where}: what the form returned is not linear in the test function{why}; every term has it "
+            "once, as in lambda v: ufl.inner(b, v)"
         ) from None
 
 

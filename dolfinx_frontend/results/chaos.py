@@ -833,7 +833,7 @@ class ChaosResult(Result, StochasticResult):
         return np.asarray(usual[..., None, None], dtype=np.float64)
 
     def acts(self, interface: str, truth: Sequence[SampleResult]) -> float:
-        """How much force an interface has in deterministic solves: that of a moment on the length of the part."""
+        """How much force an interface has in deterministic solves; of a moment, on the length of the part."""
         of = self.problem.interfaces[interface]
         force = np.concatenate([part.force(interface) for part in truth])
         squares = (of.weights[:, None] * force**2).sum(axis=(-2, -1))

@@ -170,10 +170,10 @@ class Varying:
         return self * -1.0
 
     def __sub__(self, other: Any) -> Varying:
-        return self + (-other if isinstance(other, Varying) else _times(other, -1.0))
+        return self.__add__(-other if isinstance(other, Varying) else _times(other, -1.0))
 
     def __rsub__(self, other: Any) -> Varying:
-        return -self + other
+        return (-self).__add__(other)
 
     def __repr__(self) -> str:
         return " + ".join(short(v) if a is None else f"{a!r} * {short(v)}" for a, v in self.terms)

@@ -161,8 +161,8 @@ def is_field(value: Any) -> bool:
 
 
 def scattered(value: Any) -> bool:
-    """Whether a value has components of its own that are random or change in time, or is a random number times an
-    amplitude: what no law takes."""
+    """Whether a value has components of its own that are random or change in time, or is a random number
+    times an amplitude: what no law takes."""
 
     if isinstance(value, Varying):
         numbers = [each for _, v in value.terms for each in (v if isinstance(v, (list, tuple)) else (v,))]

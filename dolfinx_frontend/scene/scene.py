@@ -546,8 +546,8 @@ class Scene:
             )
         if preload is not None and preload.stiffness is not None:
             raise SceneError(
-                f"{where}: its preload has stiffness = {short(preload.stiffness)}; the stiffness of a beam is "
-                "that of its BoltStiffness: leave it out of Preload, or add its compliance there"
+                f"{where}: its preload has stiffness = {short(preload.stiffness)}; the stiffness of a beam "
+                "is that of its BoltStiffness: leave it out of Preload, or add its compliance there"
             )
         if faces[0] == faces[1]:
             raise SceneError(f"{where}: both ends are {faces[0]}; join two different faces")
@@ -792,8 +792,8 @@ class Scene:
             Function or UFL expression on the part's mesh, or a callable x (m, d) -> (m,), also times an
             Amplitude.
         alpha
-            Coefficient of expansion, 1 / temperature: a number, 3 along the global axes (in plane stress 2 are
-            enough), a symmetric matrix (3, 3), or a UFL expression of these shapes; None: the material's
+            Coefficient of expansion, 1 / temperature: a number, 3 along the global axes (2 in plane stress),
+            a symmetric matrix (3, 3), or a UFL expression of these shapes; None: the material's
             ``alpha``.
         factor
             Multiplies a field: a number, random, or an Amplitude times one; parameter ``"<name>.factor"``.

@@ -26,8 +26,8 @@ def check_bolts(result: Result) -> None:
         last = float(force[-1] if force.ndim else force)
         if last < 0.0:
             warn(
-                f"interface {name!r}: the bolt pushes with {-last:.4g} at the end: its embedding is larger than "
-                "what tightening has stretched bolt and joint by, a real bolt is loose: tighten it more, or take "
-                "a smaller embedding",
+                f"interface {name!r}: the bolt pushes with {-last:.4g} at the end: its embedding is larger "
+                "than what tightening has stretched bolt and joint by, a real bolt is loose: tighten it "
+                "more, or take a smaller embedding",
                 SceneWarning,
             )

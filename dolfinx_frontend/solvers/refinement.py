@@ -396,7 +396,7 @@ def _errors(
             if kind == "spring":  # soft ones hold far more energy than parts, which must not hide these
                 energies += blocks
             whole = np.sqrt(np.sum(np.square(energies), axis=0))
-            if unloaded:  # parts that are moved as they are strain by rounding alone: there is nothing to be wrong
+            if unloaded:  # parts that are moved as they are strain by rounding alone: nothing is wrong then
                 least = np.sqrt(sum(_quadratic(block, factors) ** 2 for block in rounded.values()))
                 left = {name: np.where(whole <= AT_REST * least, 0.0, each) for name, each in left.items()}
         for name, each in _relative(left, own, whole).items():

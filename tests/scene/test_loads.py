@@ -130,7 +130,8 @@ def bolted(law: lf.Law) -> lf.Scene:
 
 
 def torque(**settings: Any) -> lf.Preload:
-    return lf.Preload(**{"torque": 100.0, "mu_thread": 0.1, "mu_head": 0.12, "d": 10.0, "pitch": 1.5, **settings})
+    given = {"torque": 100.0, "mu_thread": 0.1, "mu_head": 0.12, "d": 10.0, "pitch": 1.5}
+    return lf.Preload(**{**given, **settings})
 
 
 def test_torque_and_friction_are_swept_together() -> None:

@@ -129,7 +129,7 @@ def test_samples_are_solutions_with_that_stiffness(law: Any) -> None:
 
 
 def test_plates_that_are_all_interface() -> None:
-    """More active unknowns than a dense block is used for otherwise: solved at once, and as by monolithic SSFEM."""
+    """More active unknowns than a dense block is used for otherwise: solved at once, as by SSFEM."""
     scene = lf.Scene()
     for part, modulus, z in (("a", E1, 0.0), ("b", E2, 2.0)):
         plate = geometry.box((10, 10, 2), (12, 12, 1), origin=(0, 0, z), cell="hexahedron")
