@@ -617,7 +617,7 @@ def _around(problem: Problem, scaled: Sequence[str]) -> dict[str, str]:
             raise SceneError(
                 f"interface {name!r} ties {varying[0]!r}, whose stiffness varies, to {len(parts) - 1} other "
                 "parts in one rigid group, which a factor of one part does not go through: give its modulus "
-                "as RandomField(name, mean, cov, length=..., modes=1) with a length far above that of the part"
+                "as RandomField(name, mean, cov, length=..., modes=1), of a length far above that of the part"
             )
         if how is Elimination.SPRINGS or len(parts) > 1:
             found[name] = f"the stiffness of {varying[0]!r} varies"
