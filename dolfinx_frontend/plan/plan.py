@@ -441,8 +441,9 @@ def make_plan(
             f"({reasons[kept[0]]}); use 'auto'"
         )
     chosen, options, reason = _iteration(kept, method, options)
-    if factors and options.operator == "automatic" and blocks_fit(problem, kept, options):
-        options = options.with_(operator="condensed")  # factors of a stiffness need dense blocks
+    dense = factors or (fields and random is not None)  # what they are solved with needs dense blocks
+    if dense and options.operator == "automatic" and blocks_fit(problem, kept, options):
+        options = options.with_(operator="condensed")
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
     newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)

@@ -128,13 +128,18 @@ def test_samples_are_solutions_with_that_stiffness(law: Any) -> None:
         assert stresses[n] == pytest.approx(float(own(block)[0]), rel=1e-6)
 
 
-def test_plates_that_are_all_interface() -> None:
+@pytest.mark.parametrize("kind", ["factor", "field"])
+def test_plates_that_are_all_interface(kind: str) -> None:
     """More active unknowns than a dense block is used for otherwise: solved at once, as by SSFEM."""
     scene = lf.Scene()
+    law = lf.Perfect() if kind == "factor" else lf.Elastic(lf.LogNormal("k", 100.0, cov=0.2), 50.0)
     for part, modulus, z in (("a", E1, 0.0), ("b", E2, 2.0)):
         plate = geometry.box((10, 10, 2), (12, 12, 1), origin=(0, 0, z), cell="hexahedron")
+        if kind == "field":
+            settings = {"cov": modulus.cov, "length": 20.0, "modes": 1, "distribution": "lognormal"}
+            modulus = lf.RandomField(modulus.name, modulus.mean, **settings)
         scene.substructure(part, plate, lf.LinearElastic(modulus, 0.3), degree=1)
-    scene.interface("joint", "a:z1", "b:z0", lf.Perfect())
+    scene.interface("joint", "a:z1", "b:z0", law)
     scene.fix("a:z0")
     scene.force("b:z1", (5.0, 0.0, 50.0))
     problem = lf.assemble(scene)
@@ -144,7 +149,7 @@ def test_plates_that_are_all_interface() -> None:
     for part in "ab":
         expected = exact.coefficients[part]
         assert chaos.coefficients(part) == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
-    samples = lf.sample(problem, np.zeros((1, 2)), progress=False)
+    samples = lf.sample(problem, np.zeros((1, chaos.space.dimension)), progress=False)
     assert samples.converged
 
 
