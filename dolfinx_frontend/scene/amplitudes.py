@@ -159,7 +159,10 @@ class Varying:
                 f"Amplitude: {short(factor)} is a factor of a value that changes in time; use "
                 "Amplitude(function) for products"
             )
-        return Varying(tuple((a, _times(value, factor)) for a, value in self.terms))
+        try:
+            return Varying(tuple((a, _times(value, factor)) for a, value in self.terms))
+        except TypeError:
+            raise SceneError(f"Amplitude: {self!r} times {short(factor)}; multiply it by a number") from None
 
     __rmul__ = __mul__
 

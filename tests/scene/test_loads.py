@@ -108,6 +108,8 @@ def test_values_that_change_in_time_are_scaled_and_added() -> None:
     assert halved.terms[0][1](np.array([[4.0, 1.0]])) == pytest.approx([2.0])
     with pytest.raises(lf.SceneError, match="products"):
         RAMP * 2.0 * RAMP
+    with pytest.raises(lf.SceneError, match="'x'; multiply it by a number"):
+        RAMP * 2.0 * "x"
 
 
 def test_a_component_of_a_traction_may_change_in_time_and_scatter() -> None:
