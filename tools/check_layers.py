@@ -151,6 +151,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "solvers": (
         "support",
+        "loose",
         "refinement",
         "collocation",
         "deterministic",

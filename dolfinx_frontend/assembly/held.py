@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.part_loads import fitting
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import Resistance, resistance
@@ -60,7 +61,7 @@ def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:
     held: list[Array] = []
     if law.leads and not law.plane:
         centre, size = origin
-        place = centre if law.point is None else np.asarray(law.point, dtype=np.float64)[:d]
+        place = centre if law.point is None else fitting(f"rigid face {law.group!r}", "point", law.point, d)
         at = rigid_modes(place[None], *origin)[0]
         units = np.eye(at.shape[1])
         for name in law.motions():

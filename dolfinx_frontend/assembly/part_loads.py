@@ -113,13 +113,24 @@ def _assembled(where: str, s: Substructure, integrand: Any, stress: Any = None) 
         raise SceneError(f"{where}: its form is on another mesh than that of part {s.name!r}; use that one")
     if integrand.empty():
         return _Shape(np.zeros(s.size), stress)
-    try:
-        nodal = fem.assemble_vector(fem.form(integrand))
-    except ufl.algorithms.check_arities.ArityMismatch as err:
-        raise SceneError(
-            f"{where}: what the form returned is not linear in the test function: {err}"
-        ) from None
+    _check_linear(where, integrand)
+    nodal = fem.assemble_vector(fem.form(integrand))
     return _Shape(np.array(nodal.array[: s.size], dtype=np.float64), stress, integrand)
+
+
+def _check_linear(where: str, form: Any) -> None:
+    """Before anything is compiled: UFL finds out what is not linear, and raises ValueError for some of it."""
+    expanded = ufl.algorithms.apply_derivatives.apply_derivatives(
+        ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(form)
+    )
+    try:
+        ufl.algorithms.check_arities.check_form_arity(expanded, form.arguments())
+    except (ufl.algorithms.check_arities.ArityMismatch, ValueError) as err:
+        why = f": {err}" if isinstance(err, ufl.algorithms.check_arities.ArityMismatch) else ""
+        raise SceneError(
+            f"{where}: what the form returned is not linear in the test function{why}; every term has it "
+            "once, as in lambda v: ufl.inner(b, v)"
+        ) from None
 
 
 def _on_mesh(where: str, s: Substructure, value: Any, shape: tuple[int, ...]) -> Any:
@@ -206,19 +217,25 @@ def _temperature(load: Load, s: Substructure, shape: Any) -> _Shape:
     dT, alpha = shape
     mesh, where = s.part.mesh, load.where
     warm = fem.Constant(mesh, np.float64(1.0)) if isinstance(dT, float) else _on_mesh(where, s, dT, ())
-    if isinstance(alpha, ufl.core.expr.Expr):
-        along = [alpha] * 3 if alpha.ufl_shape == () else [alpha[i] for i in range(alpha.ufl_shape[0])]
-    else:
-        along = list(np.broadcast_to(alpha, (3,)) if np.size(alpha) == 1 else np.asarray(alpha, dtype=float))
-        along = [fem.Constant(mesh, np.float64(a)) for a in along]
-    if len(along) != 3 and not (len(along) == s.dim == 2 and getattr(s.material, "plane", "") == "stress"):
+    if not isinstance(alpha, ufl.core.expr.Expr):
+        alpha = fem.Constant(mesh, np.array(alpha, dtype=np.float64))
+    shape = alpha.ufl_shape
+    flat = s.dim == 2 and getattr(s.material, "plane", "") == "stress"
+    if shape in ((), (1,)):
+        one = alpha[0] if shape else alpha
+        alpha = ufl.as_matrix([[one if i == j else 0.0 for j in range(3)] for i in range(3)])
+    elif shape == (3,) or (shape == (2,) and flat):
+        n = shape[0]
+        alpha = ufl.as_matrix([[alpha[i] if i == j and i < n else 0.0 for j in range(3)] for i in range(3)])
+    elif shape == (2, 2) and flat:
+        alpha = ufl.as_matrix([[alpha[i, j] if max(i, j) < 2 else 0.0 for j in range(3)] for i in range(3)])
+    elif shape != (3, 3):
         raise SceneError(
-            f"{where}: alpha has {len(along)} values; give one, or one along each of x, y and z"
+            f"{where}: alpha has the shape {shape}; give one number, one along each of x, y and z, or a "
+            "symmetric matrix (3, 3)"
             + (", of which the last holds across the plane" if s.dim == 2 else "")
         )
-    along += [0.0] * (3 - len(along))
-    rows = [[warm * along[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
-    return _from_strain(load, s, ufl.as_matrix(rows))
+    return _from_strain(load, s, ufl.as_matrix([[warm * alpha[i, j] for j in range(3)] for i in range(3)]))
 
 
 class FaceOf:

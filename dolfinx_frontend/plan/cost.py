@@ -19,7 +19,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.plan.reduction import members_of_bodies
 from latin_core import Options
 
-__all__ = ["Cost", "interface_unknowns", "newton_is_dense", "predict", "shown"]
+__all__ = ["Cost", "blocks_fit", "interface_unknowns", "newton_is_dense", "predict", "shown"]
 
 _DIRECTIONS = 120
 """Directions that the kernel's ``Subspace`` keeps at most."""
@@ -113,6 +113,12 @@ def interface_unknowns(problem: Problem, active: Iterable[str]) -> int:
     """Points times components of the active interfaces."""
     interfaces = (problem.interfaces[name] for name in active)
     return sum(i.num_points * i.law.count(i.dim) for i in interfaces)
+
+
+def blocks_fit(problem: Problem, active: Iterable[str], options: Options) -> bool:
+    """Whether the dense block of every body on its active unknowns is within the memory limit."""
+    limit = options.memory_limit
+    return limit <= 0 or all(8.0 * float(b.active) ** 2 <= limit for b in _bodies(problem, tuple(active)))
 
 
 def newton_is_dense(problem: Problem, active: Iterable[str], options: Options) -> bool:

@@ -29,7 +29,7 @@ from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.plan.coarse import Moments
-from dolfinx_frontend.plan.cost import Cost, newton_is_dense, predict
+from dolfinx_frontend.plan.cost import Cost, blocks_fit, newton_is_dense, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
@@ -441,6 +441,9 @@ def make_plan(
             f"({reasons[kept[0]]}); use 'auto'"
         )
     chosen, options, reason = _iteration(kept, method, options)
+    dense = factors or (fields and random is not None)  # what they are solved with needs dense blocks
+    if dense and options.operator == "automatic" and blocks_fit(problem, kept, options):
+        options = options.with_(operator="condensed")
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
     newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)
@@ -614,7 +617,8 @@ def _around(problem: Problem, scaled: Sequence[str]) -> dict[str, str]:
         if how is Elimination.TIED and len(parts) > 1:
             raise SceneError(
                 f"interface {name!r} ties {varying[0]!r}, whose stiffness varies, to {len(parts) - 1} other "
-                "parts in one rigid group: give each its own, joined by Elastic or Perfect"
+                "parts in one rigid group, which a factor of one part does not go through: give its modulus "
+                "as RandomField(name, mean, cov, length=..., modes=1), of a length far above that of the part"
             )
         if how is Elimination.SPRINGS or len(parts) > 1:
             found[name] = f"the stiffness of {varying[0]!r} varies"

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.part_loads import fitting
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array, Ints
@@ -45,7 +46,7 @@ def given_motions(law: Rigid, centre: Array, length: float) -> tuple[Array, Arra
     """Rows (k, r) and values (k,) of the motions that are given, about a centre; rotations over the
     length."""
     d = len(centre)
-    place = centre if law.point is None else np.asarray(law.point, dtype=np.float64)[:d]
+    place = centre if law.point is None else fitting(f"rigid face {law.group!r}", "point", law.point, d)
     at = rigid_modes(place[None], centre, length)[0]
     rows, values = [], []
     for name, value in law.motions().items():

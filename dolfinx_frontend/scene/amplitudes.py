@@ -115,6 +115,15 @@ class Amplitude:
         return f"Amplitude({short(self._times.tolist())}, {short(self._values.tolist())})"
 
 
+def _times(value: Any, factor: Any) -> Any:
+    """A value times a number: a vector by components, a function by what it returns."""
+    if isinstance(value, (list, tuple)):
+        return tuple(_times(each, factor) for each in value)
+    if callable(value) and not hasattr(value, "__mul__"):
+        return lambda *at: factor * value(*at)
+    return value * factor
+
+
 @dataclass(frozen=True)
 class Combination:
     """Sum of coefficient * value; what a varying value is at one time."""
@@ -143,6 +152,31 @@ class Varying:
         return Varying((*self.terms, (None, other)))
 
     __radd__ = __add__
+
+    def __mul__(self, factor: Any) -> Varying:
+        if isinstance(factor, (Amplitude, Varying)):
+            raise SceneError(
+                f"Amplitude: {short(factor)} is a factor of a value that changes in time; use "
+                "Amplitude(function) for products"
+            )
+        try:
+            return Varying(tuple((a, _times(value, factor)) for a, value in self.terms))
+        except TypeError:
+            raise SceneError(f"Amplitude: {self!r} times {short(factor)}; multiply it by a number") from None
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: float) -> Varying:
+        return self * (1.0 / divisor)
+
+    def __neg__(self) -> Varying:
+        return self * -1.0
+
+    def __sub__(self, other: Any) -> Varying:
+        return self.__add__(-other if isinstance(other, Varying) else _times(other, -1.0))
+
+    def __rsub__(self, other: Any) -> Varying:
+        return (-self).__add__(other)
 
     def __repr__(self) -> str:
         return " + ".join(short(v) if a is None else f"{a!r} * {short(v)}" for a, v in self.terms)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from dolfinx_frontend.common.checks import checked_number
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.values import is_uncertain
 
 __all__ = ["BoltStiffness"]
 
@@ -28,6 +29,11 @@ class BoltStiffness:
     axial: float
     bending: float
     torsion: float
+
+    def __post_init__(self) -> None:
+        for name, value in (("axial", self.axial), ("bending", self.bending), ("torsion", self.torsion)):
+            if not is_uncertain(value):
+                checked_number("BoltStiffness", name, value, above=0.0)
 
     @classmethod
     def of_cylinders(

@@ -161,12 +161,13 @@ def is_field(value: Any) -> bool:
 
 
 def scattered(value: Any) -> bool:
-    """Whether a value has random components, or is a random number times an amplitude: what no law takes."""
+    """Whether a value has components of its own that are random or change in time, or is a random number
+    times an amplitude: what no law takes."""
 
     if isinstance(value, Varying):
         numbers = [each for _, v in value.terms for each in (v if isinstance(v, (list, tuple)) else (v,))]
         return any(map(is_uncertain, numbers))
-    return isinstance(value, (list, tuple)) and any(map(is_uncertain, value))
+    return isinstance(value, (list, tuple)) and any(is_uncertain(v) or isinstance(v, Varying) for v in value)
 
 
 def shaped(where: str, value: Any, number: str, unit: Any) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -83,6 +83,21 @@ _LOCKS = 0.45
 """Poisson's ratio from which on a bent part of linear elements is more than a third too stiff."""
 
 
+def checked_expansion(where: str, alpha: Any) -> Any:
+    """Coefficients of expansion: a number, one per axis, or a symmetric matrix.
+
+    Raises
+    ------
+    SceneError
+        Anything else.
+    """
+    wanted = "give a number, one per axis, or a symmetric matrix (3, 3)"
+    numbers = checked_numbers(where, "alpha", alpha, wanted)
+    if numbers.ndim > 2 or (numbers.ndim == 2 and not np.array_equal(numbers, numbers.T)):
+        raise SceneError(f"{where}: alpha = {short(alpha)}: {wanted}")
+    return frozen(alpha)
+
+
 @dataclass(frozen=True)
 class LinearElastic:
     """Isotropic linear elasticity: sigma = lambda tr(eps) I + 2 mu eps.
@@ -125,8 +140,7 @@ class LinearElastic:
         if self.alpha is not None:
             _check_known("LinearElastic", "alpha", self.alpha)
             if not isinstance(self.alpha, ufl.core.expr.Expr):
-                checked_numbers("LinearElastic", "alpha", self.alpha, "give a number, or one per axis")
-                object.__setattr__(self, "alpha", frozen(self.alpha))
+                object.__setattr__(self, "alpha", checked_expansion("LinearElastic", self.alpha))
         shown = short(self.E) if isinstance(self.E, int) else repr(self.E)
         if is_real(self.E) and not 0.0 < self.E <= sys.float_info.max:
             raise SceneError(f"LinearElastic: E = {shown}; Young's modulus is positive, finite")

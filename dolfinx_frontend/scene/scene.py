@@ -27,7 +27,7 @@ from dolfinx_frontend.common.checks import (
     is_whole,
 )
 from dolfinx_frontend.common.describe import columns, short
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.bolts import BoltStiffness
@@ -51,7 +51,7 @@ from dolfinx_frontend.scene.loads import (
     scattered,
     shaped,
 )
-from dolfinx_frontend.scene.materials import Material
+from dolfinx_frontend.scene.materials import Material, checked_expansion
 from dolfinx_frontend.scene.specs import (
     OVERLAPS,
     SPACES,
@@ -67,6 +67,12 @@ from dolfinx_frontend.scene.specs import (
 from dolfinx_frontend.scene.values import Value, is_random_field, is_uncertain
 
 __all__ = ["Scene"]
+
+
+def _doubt(where: str, law: Law) -> None:
+    """Warn of values that are probably not meant."""
+    if law.doubt:
+        warn(f"{where}: {law.doubt}", SceneWarning)
 
 
 def _components_of(value: Any) -> list[Any] | None:
@@ -287,6 +293,7 @@ class Scene:
                 f"{where}: overlap = 'partial' needs two sides and a space that knows what is covered: "
                 "'mortar' or 'facets'"
             )
+        _doubt(where, law)
         self.interfaces[name] = InterfaceSpec(
             name, found, law, quadrature_degree, max_distance, space, overlap
         )
@@ -463,9 +470,13 @@ class Scene:
     def _remote(self, name: str, faces: tuple[Face, ...], law: Law, remote: Remote) -> None:
         where = f"interface {checked_name('interface', name)!r}"
         if name in self.interfaces or name in self.loads:
-            raise SceneError(f"{where}: the name is in use; names are unique")
+            raise SceneError(
+                f"{where}: the name is in use; names are unique: give name=, or hold all components of a "
+                "point at once"
+            )
         spec = self.substructures[faces[0].substructure]
         law.check_dimension(3 if spec.lazy else spec.dim, where)
+        _doubt(where, law)
         self.interfaces[name] = InterfaceSpec(name, faces, law, None, None, "points", "full", remote)
 
     def springs(
@@ -523,7 +534,7 @@ class Scene:
             :class:`BoltStiffness`, e.g. ``BoltStiffness.vdi2230(d=12, pitch=1.75, shank=20, thread=10,
             E=205e3)``.
         preload
-            How it is tightened; its `stiffness` is the beam's.
+            How it is tightened, without a `stiffness`, which is the beam's.
         """
         where = f"beam {checked_name('beam', name)!r}"
         check_kind(where, "stiffness", stiffness, BoltStiffness, "give BoltStiffness.vdi2230(...)")
@@ -532,6 +543,11 @@ class Scene:
         if self.axisymmetric:
             raise SceneError(
                 f"{where}: a beam in an axisymmetric scene; a single bolt is not axisymmetric: model it in 3D"
+            )
+        if preload is not None and preload.stiffness is not None:
+            raise SceneError(
+                f"{where}: its preload has stiffness = {short(preload.stiffness)}; the stiffness of a beam "
+                "is that of its BoltStiffness: leave it out of Preload, or add its compliance there"
             )
         if faces[0] == faces[1]:
             raise SceneError(f"{where}: both ends are {faces[0]}; join two different faces")
@@ -776,8 +792,9 @@ class Scene:
             Function or UFL expression on the part's mesh, or a callable x (m, d) -> (m,), also times an
             Amplitude.
         alpha
-            Coefficient of expansion, 1 / temperature: a number, d numbers or 3 along the global axes, or a
-            UFL expression; None: the material's ``alpha``.
+            Coefficient of expansion, 1 / temperature: a number, 3 along the global axes (2 in plane stress),
+            a symmetric matrix (3, 3), or a UFL expression of these shapes; None: the material's
+            ``alpha``.
         factor
             Multiplies a field: a number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
 
@@ -796,8 +813,7 @@ class Scene:
                 "that has one, LinearElastic(E, nu, alpha=12e-6)"
             )
         if not is_field(alpha):
-            checked_numbers(where, "alpha", alpha, "give a number, or one per axis")
-            alpha = frozen(alpha)
+            alpha = checked_expansion(where, alpha)
         values, shapes = shaped(where, dT, "dT", 1.0)
         if not (is_real(factor) and factor == 1.0):
             if set(values) != {"factor"} or not is_real(values["factor"]):

@@ -20,6 +20,7 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.solvers.loose import check_bolts
 from dolfinx_frontend.solvers.refinement import corrected
 from dolfinx_frontend.solvers.support import check_balance, check_support
 
@@ -61,6 +62,7 @@ def solve_once(
         _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
     if result.status != "interrupted":  # which is returned, whatever it is
         check_support(result)
+        check_bolts(result)
     return result
 
 

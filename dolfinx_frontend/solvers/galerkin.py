@@ -665,7 +665,9 @@ def _checked(result: ChaosResult) -> ChaosResult:
             return result  # Ctrl-C: not checked, so not trusted; the log says so
         checked = (*result.checked, part)
         own = [name for name in result.plan.active if problem.speaks_for(name)]
-        checks = problem.gather({n: result.compared(n, checked) for n in own})
+        sizes = problem.gather({n: result.acts(n, checked) for n in own})
+        least = result.plan.options.rtol * max(sizes.values(), default=0.0)
+        checks = problem.gather({n: result.compared(n, checked, least) for n in own})
         seconds = {**result.seconds, "check": sum(sum(each.seconds.values()) for each in checked)}
         result = result.with_notes(checks=checks, checked=checked, seconds=seconds)
         if result.trusted or any(not c.estimate <= tolerance for c in checks.values()):

@@ -51,6 +51,8 @@ FALLING = 0.5
 
 ROUNDING = 2.0**-53
 
+AT_REST = 30.0
+"""Strains below so many times those that rounding of the displacements makes are none where nothing acts."""
 RESOLVED = 0.03
 """An error above this, relative to what a part or a spring does itself, is taken relative to the whole: what
 it does may be nothing but rounding."""
@@ -254,6 +256,12 @@ class _Corrections:
         return forces, of_springs
 
     @property
+    def loaded(self) -> bool:
+        """Whether anything acts beside displacements that are given."""
+        acting = [p.load for p in self.parts.values()] + [s.jump for s in self.springs.values()]
+        return any(each.any() for each in acting)
+
+    @property
     def replaced(self) -> bool:
         """Whether stiffnesses were replaced for the factors."""
         return any(each.softer.any() or each.stiffer.any() for each in self.springs.values())
@@ -364,7 +372,8 @@ def _errors(
 ) -> dict[str, Array]:
     """Place -> relative errors (T,), of sizes times factors that are independent of each other."""
     now = _sizes_now(state)
-    rounded = _representable(state) if representable else {}
+    unloaded = not state.loaded
+    rounded = _representable(state) if representable or unloaded else {}
 
     def size(kind: str, of: _Sizes) -> dict[str, Array]:
         return {name: _quadratic(block, factors) for name, block in getattr(of, kind).items()}
@@ -376,7 +385,7 @@ def _errors(
         for rate, of in parts_of_it:
             for name, each in size(kind, of).items():
                 left[name] = np.hypot(left[name], rate * each)
-        if kind == "strain":
+        if kind == "strain" and representable:
             for name, block in rounded.items():
                 left[name] = np.hypot(left[name], _quadratic(block, factors))
         blocks = list(own.values())
@@ -387,6 +396,9 @@ def _errors(
             if kind == "spring":  # soft ones hold far more energy than parts, which must not hide these
                 energies += blocks
             whole = np.sqrt(np.sum(np.square(energies), axis=0))
+            if unloaded:  # parts that are moved as they are strain by rounding alone: nothing is wrong then
+                least = np.sqrt(sum(_quadratic(block, factors) ** 2 for block in rounded.values()))
+                left = {name: np.where(whole <= AT_REST * least, 0.0, each) for name, each in left.items()}
         for name, each in _relative(left, own, whole).items():
             place = f"{label} {name}"
             out[place] = np.maximum(out[place], each) if place in out else each

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
@@ -39,6 +40,7 @@ from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = [
@@ -112,6 +114,10 @@ def swept_values(
     loads: dict[LoadTerm, Array] = {}
     parameters: list[SweptParameter] = []
     of_stiffness: dict[str, Array] = {}
+    swept: dict[str, dict[str, Array]] = {}
+    for key, values in values_of.items():
+        for name in key:
+            swept.setdefault(targets[name][0], {})[targets[name][1]] = values
     for key, values in values_of.items():
         for name in key:
             interface, parameter = targets[name]
@@ -132,9 +138,12 @@ def swept_values(
                 loads[swept_term(problem, interface, parameter)] = values
                 continue
             where = problem.interfaces[interface]
-            kernel_name, pattern, factors = where.law.kernel_values(where, parameter, values.reshape(1, -1))
             if parameter in where.law.not_negative and values.min() < 0.0:
                 raise SceneError(f"sweep: {name!r} takes the value {values.min():g}: it must be >= 0")
+            own = {p: v for p, v in swept.get(interface, {}).items() if p in _made_with(where.law, parameter)}
+            if len(own) > 1 and parameter != next(iter(own)):
+                continue  # it came with the first of them
+            kernel_name, pattern, factors = _kernel_values(where, parameter, values, own)
             if any(p.interface == interface and p.parameter == kernel_name for p in parameters):
                 raise SceneError(
                     f"sweep: {name!r} and another swept value of {interface!r} set the same number of its "
@@ -152,6 +161,22 @@ def swept_values(
             f"sweep: the plan has no factor for the stiffness of {', '.join(absent)}: leave the plan out"
         )
     return [*parameters, *stiffness_factors(of_stiffness), *swept_loads(plan, loads)]
+
+
+def _made_with(law: Law, parameter: str) -> tuple[str, ...]:
+    """Parameters that make one number of a law together: torque and friction the force of a bolt."""
+    return next((names for names, _ in law.derived().values() if parameter in names), (parameter,))
+
+
+def _kernel_values(
+    where: Interface, parameter: str, values: Array, own: Mapping[str, Array]
+) -> tuple[str, Array, Array]:
+    """As ``law.kernel_values``, of all the swept parameters that make one number together."""
+    kernel_name, pattern, factors = where.law.kernel_values(where, parameter, values.reshape(1, -1))
+    if len(own) > 1:
+        function = next(f for names, f in where.law.derived().values() if parameter in names)
+        factors = np.asarray(function({name: each.reshape(1, -1) for name, each in own.items()}))
+    return kernel_name, pattern, factors
 
 
 def swept_parts(problem: Problem, targets: Mapping[str, tuple[str, str]]) -> dict[str, str]:

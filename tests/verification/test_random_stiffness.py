@@ -128,6 +128,31 @@ def test_samples_are_solutions_with_that_stiffness(law: Any) -> None:
         assert stresses[n] == pytest.approx(float(own(block)[0]), rel=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["factor", "field"])
+def test_plates_that_are_all_interface(kind: str) -> None:
+    """More active unknowns than a dense block is used for otherwise: solved at once, as by SSFEM."""
+    scene = lf.Scene()
+    law = lf.Perfect() if kind == "factor" else lf.Elastic(lf.LogNormal("k", 100.0, cov=0.2), 50.0)
+    for part, modulus, z in (("a", E1, 0.0), ("b", E2, 2.0)):
+        plate = geometry.box((10, 10, 2), (12, 12, 1), origin=(0, 0, z), cell="hexahedron")
+        if kind == "field":
+            settings = {"cov": modulus.cov, "length": 20.0, "modes": 1, "distribution": "lognormal"}
+            modulus = lf.RandomField(modulus.name, modulus.mean, **settings)
+        scene.substructure(part, plate, lf.LinearElastic(modulus, 0.3), degree=1)
+    scene.interface("joint", "a:z1", "b:z0", law)
+    scene.fix("a:z0")
+    scene.force("b:z1", (5.0, 0.0, 50.0))
+    problem = lf.assemble(scene)
+    chaos = lf.solve(problem, chaos=2, options=Options(rtol=1e-8))
+    assert chaos.converged and chaos.iterations <= 4
+    exact = ssfem(problem, lf.Chaos(order=2))
+    for part in "ab":
+        expected = exact.coefficients[part]
+        assert chaos.coefficients(part) == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
+    samples = lf.sample(problem, np.zeros((1, chaos.space.dimension)), progress=False)
+    assert samples.converged
+
+
 def test_a_held_bar_that_is_warm() -> None:
     """Both ends held: stress = -E alpha dT, of a random E the factor of it; free of stress otherwise."""
     dT = lf.Normal("dT", 100.0, cov=0.1)

@@ -376,6 +376,16 @@ class Law:
         """Whether it pulls its sides together, as bolts do: a preload or an imposed jump."""
         return False
 
+    @property
+    def may_loosen(self) -> bool:
+        """Whether it is a bolt that loses length after it is tightened."""
+        return False
+
+    @property
+    def doubt(self) -> str:
+        """What is probably not meant with its values; empty: nothing."""
+        return ""
+
     def count(self, dim: int) -> int:
         """Unknown components of the force at a point."""
         return dim

@@ -256,6 +256,18 @@ class Preload(Law):
         return True
 
     @property
+    def may_loosen(self) -> bool:
+        return self.embedding is not None
+
+    @property
+    def doubt(self) -> str:
+        given = self.given("force", "shortening", "angle")
+        below = [name for name, value in given.items() if is_real(value) and value < 0.0]
+        if not below:
+            return ""
+        return f"Preload: {below[0]} = {short(given[below[0]])} pushes its sides apart; tension is > 0"
+
+    @property
     def rigid(self) -> bool:
         return True
 

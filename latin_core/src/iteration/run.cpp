@@ -157,7 +157,7 @@ void Run::begin(bool traces_known) {
     if (rounds_left_ > 0 && from_zero) {
       stages_.set_accuracy_of_fields(unknown);  // solved with all other equations
     }
-    stages_.evaluate(at());
+    evaluate_start();
   }
   newton_.begin(from_zero, structure_.interface_unknowns(), options_.max_iterations);
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
@@ -183,10 +183,19 @@ bool Run::solve_coupled() {
   } else {
     rounds_left_ = 0;
   }
-  if (solved_ || first) {
+  if (solved_) {
+    evaluate_start();
+  } else if (first) {
     stages_.evaluate(at());
   }
   return solved_;
+}
+
+/// Both stages; what is solved for at once, or was, needs no coarse problem.
+void Run::evaluate_start() {
+  if ((rounds_left_ == 0 && !solved_) || !stages_.try_evaluate(at())) {
+    stages_.evaluate(at());
+  }
 }
 
 /// Measure the iterate, and tell the caller.

@@ -51,6 +51,7 @@ class Run {
   [[nodiscard]] double accuracy_of_fields() const;
   void begin(bool traces_known);
   bool solve_coupled();
+  void evaluate_start();
   Measured observe();
   void report(const Measured& measured);
   [[nodiscard]] Matrix estimate(const Measured& measured);
