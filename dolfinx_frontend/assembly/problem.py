@@ -82,6 +82,8 @@ class Problem(OneProcess):
             germs, or by independent standard normal scores.
             on_failure: of points that do not converge, ``"nan"`` (NaN and a warning that names them) or
             ``"raise"``.
+            checkpoint: a file of the points that were solved; a script that asks for the same ones in the
+            same order again is answered from it, with the same digits, and goes on.
 
         Raises
         ------

@@ -371,7 +371,8 @@ def calibrate(
     seed
         Of the random numbers.
     settings
-        active, direction, options, plan, times: as for :func:`solve`.
+        active, direction, options, plan, times: as for :func:`solve`. checkpoint: a file of the points that
+        were solved; the same call goes on with it, with the same digits.
 
     Raises
     ------
@@ -407,8 +408,11 @@ def calibrate(
             "one in the "
             "scene, or method='least squares'"
         )
-    known = _Data.of(function.outputs, data, noise)
-    return _bayes(function, known, samples, generator) if bayes else _least_squares(function, known)
+    try:
+        known = _Data.of(function.outputs, data, noise)
+        return _bayes(function, known, samples, generator) if bayes else _least_squares(function, known)
+    finally:
+        function.close()
 
 
 class _Model:

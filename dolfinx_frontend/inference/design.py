@@ -47,6 +47,10 @@ class Limit(Protocol):
     """Conditions g_i(u) < 0 of an event, as functions of L independent standard normal variables."""
 
     @property
+    def points(self) -> int:
+        """At which it was asked for so far."""
+
+    @property
     def dimension(self) -> int:
         """L."""
 
