@@ -90,8 +90,10 @@ class Problem(OneProcess):
         SceneError
             Nothing is random and no input is named, or an unknown name.
         """
-        from dolfinx_frontend.inference.function import problem_function
+        from dolfinx_frontend.inference.function import check_handed_on, problem_function
 
+        own = ("coordinates", "on_failure", "more")
+        check_handed_on("function", {n: v for n, v in settings.items() if n not in own})
         return problem_function(self, quantities, inputs, **settings)
 
     @property

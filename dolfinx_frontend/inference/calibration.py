@@ -19,7 +19,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_seed, checked_whole
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
-from dolfinx_frontend.inference.function import ProblemFunction, problem_function
+from dolfinx_frontend.inference.function import ProblemFunction, check_handed_on, problem_function
 from dolfinx_frontend.plan.plan import check_problem
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.parameters import FromDistribution, RandomParameter
@@ -388,6 +388,7 @@ def calibrate(
     where = "calibrate"
     check_problem(where, problem)
     check_known("method", method, ("bayes", "least squares"), where)
+    check_handed_on(where, settings)
     checked_whole(where, "samples", samples, 64)
     if samples & (samples - 1):
         near = 2 ** samples.bit_length()
@@ -438,7 +439,7 @@ def _least_squares(function: ProblemFunction, data: _Data) -> Fit:
         std = getattr(function._inputs.random.space._sources.get(name), "std", None)
         scale[k] = std if std else scale[k]
     model = _Model(function, data, scale, origin)
-    start = np.zeros(len(origin))
+    start, first = np.zeros(len(origin)), function(origin)
     found = optimize.least_squares(model.residuals, start, jac=model.slopes, xtol=1e-10, ftol=1e-12)
     jacobian = np.asarray(found.jac)
     _, sizes, right = np.linalg.svd(jacobian, full_matrices=True)
@@ -453,11 +454,10 @@ def _least_squares(function: ProblemFunction, data: _Data) -> Fit:
     values = origin + scale * found.x
     misfit = math.sqrt(2.0 * float(found.cost) / len(data.means))
     if misfit > FAR:
-        hint = _unit(function(origin), data.means)
-        if hint:
-            raise SceneError(
-                f"calibrate: no values fit the data ({misfit:.3g} deviations of the noise off){hint}"
-            )
+        told = _unit(first, data.means) or _told(first, data.means, "the values of the scene")
+        raise SceneError(f"calibrate: no values fit the data ({misfit:.3g} deviations of the noise off){told}")
+    if told := _unit(first, data.means):
+        warn(f"calibrate: the data{told.removeprefix(': they')}", SceneWarning)
     return Fit(
         dict(zip(function.inputs, values.tolist(), strict=True)),
         dict(zip(function.inputs, std.tolist(), strict=True)),
@@ -469,15 +469,19 @@ def _least_squares(function: ProblemFunction, data: _Data) -> Fit:
 
 
 def _unit(predicted: Array, means: Array) -> str:
-    """What is said where data look like another unit."""
+    """What is said where data look like another unit, or nothing."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = float(np.nanmedian(np.abs(means) / np.abs(predicted)))
     for factor in (1e3, 1e-3, 1e6, 1e-6):
         if ratio > 0.0 and factor / UNIT < ratio < factor * UNIT:
             times = f"{factor:g} times" if factor > 1.0 else f"1/{1.0 / factor:g} of"
             return f": they are about {times} the prediction: are they in the units of the scene?"
+    return ""
+
+
+def _told(predicted: Array, means: Array, of: str) -> str:
     shown, given = (np.array2string(each, precision=4) for each in (means, predicted))
-    return f": the data are {shown}, the medians of the priors give {given}"
+    return f": the data are {shown}, {of} give {given}"
 
 
 def _bayes(function: ProblemFunction, data: _Data, count: int, generator: np.random.Generator) -> Posterior:
@@ -501,8 +505,11 @@ def _bayes(function: ProblemFunction, data: _Data, count: int, generator: np.ran
         raise SceneError(
             f"calibrate: the prior excludes the data: the best point is {distance:.3g} deviations from its "
             "median, and "
-            f"{misfit:.3g} deviations of the noise from the data" + _unit(first, data.means)
+            f"{misfit:.3g} deviations of the noise from the data"
+            + (_unit(first, data.means) or _told(first, data.means, "the medians of the priors"))
         )
+    if told := _unit(first, data.means):
+        warn(f"calibrate: the data{told.removeprefix(': they')}", SceneWarning)
     inverse = linalg.inv(np.eye(dimension) + jacobian.T @ jacobian)
     scores, weights, evidence = _weighted(model, u, inverse, count, generator)
     effective = float(1.0 / np.sum(weights**2))

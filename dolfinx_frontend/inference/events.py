@@ -311,13 +311,13 @@ class Event:
         self.conditions, self.cuts, self.name = tuple(conditions), tuple(cuts), name
 
     @staticmethod
-    def any(events: Iterable[Event]) -> Event:
+    def any(events: Iterable[Event] | Event) -> Event:
         """That one of some events happens at least."""
         several = _several("any", events)
         return _told(reduce(operator.or_, several), "any", several)
 
     @staticmethod
-    def all(events: Iterable[Event]) -> Event:
+    def all(events: Iterable[Event] | Event) -> Event:
         """That some events happen together."""
         several = _several("all", events)
         return _told(reduce(operator.and_, several), "all", several)
@@ -387,10 +387,13 @@ def _told(event: Event, word: str, events: list[Event]) -> Event:
     return Event(event.conditions, event.cuts, f"{word} of {len(events)}: {', '.join(ends)}")
 
 
-def _several(what: str, events: Iterable[Event]) -> list[Event]:
-    found = list(events)
+def _several(what: str, events: Iterable[Event] | Event) -> list[Event]:
+    wanted = "give events, as Response('joint') > 0.0"
+    if not isinstance(events, Iterable):
+        check_kind(f"Event.{what}", "events", events, Event, wanted)
+    found = list(events) if isinstance(events, Iterable) else [events]
     for each in found:
-        check_kind(f"Event.{what}", "event", each, Event, "give events, as Response('joint') > 0.0")
+        check_kind(f"Event.{what}", "event", each, Event, wanted)
     if not found:
         raise SceneError(f"Event.{what}: there is no event; give one at least")
     return found

@@ -39,7 +39,7 @@ from dolfinx_frontend.solvers.sampling import short_steps
 from dolfinx_frontend.solvers.sweep import checkpoint_path
 from dolfinx_frontend.uncertainty.expressions import Operand
 
-__all__ = ["Evaluation", "KinkWarning", "ProblemFunction", "problem_function"]
+__all__ = ["Evaluation", "KinkWarning", "ProblemFunction", "check_handed_on", "problem_function"]
 
 _log = logging.getLogger(__name__)
 
@@ -404,6 +404,16 @@ def _first(points: SweepPoints, count: int) -> SweepPoints:
         worst=points.worst[:count],
         largest=points.largest[:count],
     )
+
+
+SETTINGS = ("method", "active", "direction", "options", "plan", "times", "checkpoint")
+"""What other calls hand on to the function that they are made of."""
+
+
+def check_handed_on(where: str, given: Mapping[str, Any]) -> None:
+    """Refuse settings that are none."""
+    for name in given:
+        check_known("setting", name, SETTINGS, where)
 
 
 def _named(where: str, quantities: Any) -> dict[str, Response]:

@@ -190,7 +190,8 @@ class _Samples:
 def _centre(u: Array, limit: Limit) -> DesignPoint:
     """A point (L,) of the event to draw samples around, which is no design point."""
     beta, cut = float(np.linalg.norm(u)), limit.cuts[0]
-    return DesignPoint(u, beta, np.asarray(u / beta, dtype=np.float64), cut, cut, np.zeros((0, len(u))), False, 0)
+    alpha = np.asarray(u / beta, dtype=np.float64)
+    return DesignPoint(u, beta, alpha, cut, cut, np.zeros((0, len(u))), False, 0)
 
 
 def _unexplained(

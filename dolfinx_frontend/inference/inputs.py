@@ -111,7 +111,7 @@ class Inputs:
                         f"{_germs_of(space, name)[0]!r}, ..."
                     )
                 continue
-            check_known("input", name, [*space.germ_names, *space.names, *known], where)
+            check_known("input", name, {*space.germ_names, *space.names, *known}, where)
             if name not in space.germ_names:
                 raise SceneError(
                     f"function: input {name!r} with coordinates = {coordinates!r}: name germs, "

@@ -31,6 +31,7 @@ from dolfinx_frontend.inference.design import (
     worst,
 )
 from dolfinx_frontend.inference.events import Event
+from dolfinx_frontend.inference.function import check_handed_on
 from dolfinx_frontend.inference.importance import importance_sampling
 from dolfinx_frontend.inference.limit import ProblemLimit
 from dolfinx_frontend.inference.tails import (
@@ -62,6 +63,7 @@ WORTH = 3000
 """Points that must be left for directions to be tried."""
 LEAST = 50
 """Points that a sampling is allowed whatever the search has taken."""
+FLAT = "the quantity is the same at all of the first points"
 FEW = 8
 """Variables up to which directions are sampled where design points do not do."""
 
@@ -224,6 +226,7 @@ def reliability(
     where = "reliability"
     check_problem(where, problem)
     check_kind(where, "event", event, Event, "give an event, as Response('joint') > 0.0")
+    check_handed_on(where, settings)
     known = ("auto", "form", "sorm", "importance", "directional", "subset", "monte carlo")
     check_known("method", method, known, where)
     checked_number(where, "cov", cov, above=0.0, below=1.0)
@@ -268,7 +271,7 @@ def _tell(result: Reliability, found: Found, cov: float, limit: ProblemLimit) ->
         warn(
             f"{told}it did not happen at any of {result.runs} points"
             + (f"; its probability is below {high:.2g}" if high < 1.0 else "")
-            + ": check the event, or raise most",
+            + (f": {result.why}" if FLAT in result.why else ": check the event, or raise most"),
             SceneWarning,
         )
     elif found.value == 1.0:
@@ -339,9 +342,8 @@ def _flat(distance: Array) -> str:
     """Why there is no design point."""
     if np.ptp(distance) == 0.0:
         return (
-            "no design point was found: the quantity is the same at all of the first points; take one that "
-            "tells how "
-            "far the event is, as Response.opening"
+            f"no design point was found: {FLAT}: it depends on nothing that is random, or does not change "
+            "before it happens; take one that tells how far the event is, as Response.opening"
         )
     return "no design point was found"
 
