@@ -37,7 +37,16 @@ TAILS = 5.0
 WIDER = 1.15
 POOR = 0.2
 """Effective share of samples below which another density is fitted to them."""
-ROUNDS = 4
+ROUNDS = 12
+TRIED, STARTS = 64, 3
+"""Points of the prior that are tried for further modes, and how many of them are searched from."""
+LOWEST = 12.0
+"""Logarithm of the density by which a mode may be below the highest."""
+LEAST_SHARE = 0.2
+CENTRES = 128
+"""Samples around which the next are drawn."""
+MOVED = 1.0
+"""Deviations of the prior by which a direction that the data say little of may move."""
 UNIT = 1.5
 """Data that are 1000 times the prediction but for this factor look like a wrong unit."""
 
@@ -52,10 +61,13 @@ class Direction:
         Random number -> its share in the direction, squares of sum 1.
     seen
         Posterior over prior deviation along it: 1, the data say nothing.
+    moved
+        Deviations of the prior by which the likeliest point lies along it.
     """
 
     weights: Mapping[str, float]
     seen: float
+    moved: float = 0.0
 
     def __str__(self) -> str:
         parts = sorted(self.weights.items(), key=lambda each: -abs(each[1]))
@@ -119,6 +131,8 @@ class Posterior:
         Root mean square of the residuals at the likeliest point, in deviations of the noise.
     directions
         Combinations of the numbers, from what the data say most of to what they say least of.
+    modes
+        Random number -> value at the other points at which the density has a maximum that counts.
     runs, gradients, seconds
         Points that were solved, derivatives, wall time.
     """
@@ -136,11 +150,12 @@ class Posterior:
     gradients: int
     seconds: float
     priors: Mapping[str, Any] = field(default_factory=dict)
+    modes: tuple[Mapping[str, float], ...] = ()
 
     @property
     def unseen(self) -> tuple[Direction, ...]:
         """Directions of which the data say next to nothing: there the posterior is the prior."""
-        return tuple(each for each in self.directions if each.seen > UNSEEN)
+        return tuple(each for each in self.directions if each.seen > UNSEEN and abs(each.moved) < MOVED)
 
     def _column(self, name: str) -> Array:
         check_known("random number", name, self.names, "posterior")
@@ -205,6 +220,9 @@ class Posterior:
                 f"  {name} = {self.mean(name).value:.6g} +- {self.std(name):.3g} "
                 f"[{low:.5g}, {high:.5g}] (95 %){told}"
             )
+        for mode in self.modes:
+            at = ", ".join(f"{name} = {value:.5g}" for name, value in mode.items())
+            lines.append(f"  there is another maximum, at {at}")
         lines += [f"  the data say next to nothing of {each}" for each in self.unseen]
         return "\n".join(lines)
 
@@ -490,16 +508,9 @@ def _bayes(function: ProblemFunction, data: _Data, count: int, generator: np.ran
     model = _Model(function, data, np.ones(dimension), np.zeros(dimension))
     first = function(np.zeros(dimension))
 
-    def residuals(u: Array) -> Array:
-        return np.concatenate([u, model.residuals(u)])
-
-    def slopes(u: Array) -> Array:
-        return np.vstack([np.eye(dimension), model.slopes(u)])
-
-    found = optimize.least_squares(residuals, np.zeros(dimension), jac=slopes, xtol=1e-9, ftol=1e-12)
-    u = np.asarray(found.x)
-    jacobian = np.asarray(found.jac)[dimension:]
-    misfit = float(np.sqrt(np.mean(found.fun[dimension:] ** 2)))
+    modes = _modes(model, generator)
+    u, rest, jacobian = modes[0]
+    misfit = float(np.sqrt(np.mean(rest**2)))
     distance = float(np.linalg.norm(u))
     if misfit > FAR or distance > FAR * math.sqrt(max(1.0, dimension / 4.0)):
         raise SceneError(
@@ -510,8 +521,9 @@ def _bayes(function: ProblemFunction, data: _Data, count: int, generator: np.ran
         )
     if told := _unit(first, data.means):
         warn(f"calibrate: the data{told.removeprefix(': they')}", SceneWarning)
-    inverse = linalg.inv(np.eye(dimension) + jacobian.T @ jacobian)
-    scores, weights, evidence = _weighted(model, u, inverse, count, generator)
+    inverse = _covariance(jacobian)
+    peaks = [(each, _covariance(slopes)) for each, _, slopes in modes]
+    scores, weights, evidence = _weighted(model, peaks, count, generator)
     effective = float(1.0 / np.sum(weights**2))
     if effective < 50.0:
         warn(
@@ -540,15 +552,19 @@ def _bayes(function: ProblemFunction, data: _Data, count: int, generator: np.ran
         effective,
         evidence + data.constant,
         misfit,
-        _directions(function.inputs, jacobian),
+        _directions(function.inputs, jacobian, u),
         function.solves,
         model.gradients,
         perf_counter() - began,
         {name: space._sources[name] for name in names},
+        tuple(
+            {name: float(function._inputs.values(each[None])[name][0]) for name in names}
+            for each, _, _ in modes[1:]
+        ),
     )
 
 
-def _directions(names: Sequence[str], jacobian: Array) -> tuple[Direction, ...]:
+def _directions(names: Sequence[str], jacobian: Array, u: Array) -> tuple[Direction, ...]:
     """Right singular vectors of the derivatives in deviations of prior and noise."""
     _, sizes, right = np.linalg.svd(jacobian, full_matrices=True)
     sizes = np.concatenate([sizes, np.zeros(len(names) - len(sizes))])
@@ -556,42 +572,172 @@ def _directions(names: Sequence[str], jacobian: Array) -> tuple[Direction, ...]:
         Direction(
             dict(zip(names, (v * np.sign(v[np.abs(v).argmax()])).tolist(), strict=True)),
             float(1.0 / math.sqrt(1.0 + s * s)),
+            float(u @ v * np.sign(v[np.abs(v).argmax()])),
         )
         for s, v in zip(sizes, right, strict=True)
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Peaks:
+    """A mixture of Student's t distributions, from which samples are drawn."""
+
+    centres: list[Array]
+    factors: list[Array]  # lower triangular
+    shares: Array
+
+    @classmethod
+    def of(cls, centres: Sequence[Array], covariances: Sequence[Array], shares: Array) -> _Peaks:
+        factors = [linalg.cholesky(WIDER**2 * each, lower=True) for each in covariances]
+        return cls(list(centres), factors, shares / shares.sum())
+
+    def draw(self, count: int, generator: np.random.Generator) -> tuple[Array, Array]:
+        """Samples (count, L), and the logarithm of their density (count,)."""
+        dimension = len(self.centres[0])
+        unit = sobol_points(dimension + 2, count, generator)
+        unit = np.clip(unit, 2.0**-54, 1.0 - 2.0**-54)
+        stretch = np.sqrt(TAILS / stats.chi2(TAILS).ppf(unit[:, dimension]))
+        offsets = special.ndtri(unit[:, :dimension]) * stretch[:, None]
+        which = np.minimum(np.searchsorted(np.cumsum(self.shares), unit[:, -1]), len(self.shares) - 1)
+        scores = np.empty((count, dimension))
+        for k, (centre, factor) in enumerate(zip(self.centres, self.factors, strict=True)):
+            scores[which == k] = centre + offsets[which == k] @ factor.T
+        law = stats.multivariate_t(np.zeros(dimension), np.eye(dimension), df=TAILS)
+        logs = [
+            np.reshape(law.logpdf(linalg.solve_triangular(factor, (scores - centre).T, lower=True).T), -1)
+            - float(np.log(np.diag(factor)).sum())
+            for centre, factor in zip(self.centres, self.factors, strict=True)
+        ]
+        return scores, np.asarray(special.logsumexp(np.stack(logs, axis=1), b=self.shares, axis=1))
+
+
 def _weighted(
-    model: _Model, centre: Array, covariance: Array, count: int, generator: np.random.Generator
+    model: _Model, modes: Sequence[tuple[Array, Array]], count: int, generator: np.random.Generator
 ) -> tuple[Array, Array, float]:
     """Samples (n, L) of the posterior with weights (n,) of sum 1, and the logarithm of the evidence (of the
     means).
 
-    From Student's t distribution around the maximum, fitted again to its own weighted samples where these
-    are poor.
+    From Student's t distributions around the modes (points and covariances); where these do little, around
+    samples of the round before, each as wide as the data leave it there: a ridge is followed.
     """
-    dimension = len(centre)
-    for attempt in range(ROUNDS):
-        factor = linalg.cholesky(WIDER**2 * covariance, lower=True)
-        unit = sobol_points(dimension + 1, count, generator)
-        unit = np.clip(unit, 2.0**-54, 1.0 - 2.0**-54)
-        normal = special.ndtri(unit[:, :dimension])
-        stretch = np.sqrt(TAILS / stats.chi2(TAILS).ppf(unit[:, dimension]))
-        offsets = normal * stretch[:, None]
-        scores = centre + offsets @ factor.T
-        rest = model.residuals(scores)
-        log_target = -0.5 * np.sum(scores**2, axis=1) - 0.5 * np.sum(rest**2, axis=1)
-        log_target -= 0.5 * dimension * math.log(2.0 * math.pi)
-        log_density = stats.multivariate_t(np.zeros(dimension), np.eye(dimension), df=TAILS).logpdf(offsets)
-        log_density = np.reshape(log_density, -1) - float(np.log(np.diag(factor)).sum())
-        logs = log_target - log_density
-        weights = np.exp(logs - logs.max())
-        evidence = float(logs.max() + np.log(weights.mean()))
-        weights /= weights.sum()
-        effective = 1.0 / float(np.sum(weights**2))
-        if effective > POOR * count or attempt == ROUNDS - 1:
+    dimension = len(modes[0][0])
+    heights = np.array([-0.5 * float(u @ u + np.sum(model.residuals(u) ** 2)) for u, _ in modes])
+    heights += [0.5 * np.linalg.slogdet(covariance)[1] for _, covariance in modes]
+    shares = np.maximum(special.softmax(heights), LEAST_SHARE / len(modes))
+    peaks = _Peaks.of([u for u, _ in modes], [c for _, c in modes], shares)
+    first = _Round(model, peaks, count, generator)
+    if first.effective > POOR * count:
+        return first.told(1.0)
+    # a ridge: from the prior on, with ever less noise, around samples of the round before
+    noise, rounds = math.inf, [first]
+    now = _Round(model, _Peaks.of([np.zeros(dimension)], [np.eye(dimension)], np.ones(1)), count, generator)
+    for _ in range(ROUNDS):
+        noise = now.next_noise(noise)
+        centres, weights = now.centres(noise, generator), now.weights(noise)
+        around = [_along(_covariance(model.slopes(u) / noise)) for u in centres]
+        middle = weights @ now.scores
+        away = now.scores - middle
+        spread = away.T @ (weights[:, None] * away) + 1e-6 * np.eye(dimension)
+        shares = np.concatenate([np.full(len(centres), 0.9 / len(centres)), [0.1]])
+        now = _Round(model, _Peaks.of([*centres, middle], [*around, spread], shares), count, generator)
+        if noise <= 1.0:
+            rounds.append(now)
+            if len(rounds) > 2:
+                break
+    best = max(rounds, key=lambda each: each.effective)
+    return best.told(1.0)
+
+
+class _Round:
+    """Samples from a density, with what they are worth for noise that is so many times the given one."""
+
+    def __init__(self, model: _Model, peaks: _Peaks, count: int, generator: np.random.Generator) -> None:
+        self.scores, log_density = peaks.draw(count, generator)
+        dimension = self.scores.shape[1]
+        self._rest = np.sum(model.residuals(self.scores) ** 2, axis=1)
+        self._logs = -0.5 * np.sum(self.scores**2, axis=1) - log_density
+        self._logs -= 0.5 * dimension * math.log(2.0 * math.pi)
+
+    def weights(self, noise: float = 1.0) -> Array:
+        """(n,) of sum 1."""
+        return np.asarray(special.softmax(self._logs - 0.5 * self._rest / noise**2))
+
+    @property
+    def effective(self) -> float:
+        """Independent samples that they are worth."""
+        return float(1.0 / np.sum(self.weights() ** 2))
+
+    def next_noise(self, noise: float) -> float:
+        """The least noise, not below the given one, for which they are worth a twentieth of their number."""
+        high, low = min(noise, 1e6), 1.0
+
+        def enough(each: float) -> bool:
+            return bool(1.0 / np.sum(self.weights(each) ** 2) > 0.05 * len(self._rest))
+
+        if enough(low):
+            return low
+        for _ in range(30):
+            middle = math.sqrt(high * low)
+            high, low = (middle, low) if enough(middle) else (high, middle)
+        return max(1.0, min(high, 0.8 * noise))
+
+    def centres(self, noise: float, generator: np.random.Generator) -> list[Array]:
+        """Some of them, by chance, more at the ends than they are worth."""
+        logs = self._logs - 0.5 * self._rest / noise**2 + 0.25 * np.sum(self.scores**2, axis=1)
+        chosen = generator.choice(len(self.scores), CENTRES, p=special.softmax(logs))
+        return list(self.scores[np.unique(chosen)])
+
+    def told(self, noise: float) -> tuple[Array, Array, float]:
+        """Samples, weights, and the logarithm of the evidence."""
+        logs = self._logs - 0.5 * self._rest / noise**2
+        return self.scores, self.weights(noise), float(special.logsumexp(logs)) - math.log(len(logs))
+
+
+def _along(covariance: Array) -> Array:
+    """No longer than a ridge of unit curvature stays within its width."""
+    sizes, turn = np.linalg.eigh(covariance)
+    longest = max(2.0 * math.sqrt(float(sizes[0])), 1e-8)
+    return np.asarray((turn * np.minimum(sizes, longest)) @ turn.T)
+
+
+def _covariance(jacobian: Array) -> Array:
+    """Laplace's, of scores with a standard normal prior and residuals of unit noise."""
+    return np.asarray(linalg.inv(np.eye(jacobian.shape[1]) + jacobian.T @ jacobian))
+
+
+def _modes(model: _Model, generator: np.random.Generator) -> list[tuple[Array, Array, Array]]:
+    """Likeliest points, their residuals and derivatives, the likeliest first.
+
+    Searched from the median, and from those points of the prior that fit best and lie apart.
+    """
+    dimension = model.function.dimension
+
+    def residuals(u: Array) -> Array:
+        return np.concatenate([u, model.residuals(u)])
+
+    def slopes(u: Array) -> Array:
+        return np.vstack([np.eye(dimension), model.slopes(u)])
+
+    def search(start: Array) -> tuple[float, Array, Array, Array]:
+        found = optimize.least_squares(residuals, start, jac=slopes, xtol=1e-9, ftol=1e-12)
+        rest, jacobian = np.asarray(found.fun)[dimension:], np.asarray(found.jac)[dimension:]
+        return float(found.cost), np.asarray(found.x), rest, jacobian
+
+    unit = np.clip(sobol_points(dimension, TRIED, generator), 1e-6, 1.0 - 1e-6)
+    tried = special.ndtri(unit)
+    costs = np.sum(tried**2, axis=1) + np.sum(model.residuals(tried) ** 2, axis=1)
+    found = [search(np.zeros(dimension))]
+    starts: list[Array] = [found[0][1]]
+    for k in np.argsort(costs):
+        if len(starts) > STARTS:
             break
-        centre = weights @ scores
-        away = scores - centre
-        covariance = away.T @ (weights[:, None] * away) + 1e-6 * np.eye(dimension)
-    return scores, weights, evidence
+        if min(float(np.linalg.norm(tried[k] - each)) for each in starts) > 1.0:
+            starts.append(tried[k])
+            found.append(search(tried[k]))
+    found.sort(key=lambda each: each[0])
+    kept: list[tuple[float, Array, Array, Array]] = []
+    for each in found:
+        known = (float((each[1] - k[1]) @ linalg.solve(_covariance(k[3]), each[1] - k[1])) for k in kept)
+        if each[0] < found[0][0] + LOWEST and all(distance > 1.0 for distance in known):
+            kept.append(each)
+    return [(u, rest, jacobian) for _, u, rest, jacobian in kept]
