@@ -172,6 +172,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "importance",
         "limit",
         "reliability",
+        "posterior",
         "calibration",
     ),
     "solving": (),

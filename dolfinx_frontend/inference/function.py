@@ -255,8 +255,8 @@ class ProblemFunction:
             parameters = self._inputs.parameters(self.plan, every)
         if not parameters:
             raise SceneError(
-                f"function: nothing that is solved depends on {', '.join(self.inputs)}: name other inputs, or "
-                "solve it once and compare the answer with their distributions"
+                f"function: nothing that is solved depends on {', '.join(self.inputs)}: name other inputs, "
+                "or solve it once and compare the answer with their distributions"
             )
         scale = np.ptp(every, axis=0)
         scale[scale == 0.0] = 1.0
