@@ -166,6 +166,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "events",
         "journal",
         "function",
+        "screening",
         "design",
         "densities",
         "tails",

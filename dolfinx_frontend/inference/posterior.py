@@ -169,7 +169,8 @@ def weighted(
     for _ in range(ROUNDS):
         noise = now.next_noise(noise)
         centres, weights = now.centres(noise, generator), now.weights(noise)
-        around = [_along(covariance_of(np.asarray(model.slopes(u) / noise, dtype=np.float64))) for u in centres]
+        slopes = [np.asarray(model.slopes(u) / noise, dtype=np.float64) for u in centres]
+        around = [_along(covariance_of(each)) for each in slopes]
         middle = weights @ now.scores
         away = now.scores - middle
         spread = away.T @ (weights[:, None] * away) + 1e-6 * np.eye(dimension)

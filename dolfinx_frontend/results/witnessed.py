@@ -203,8 +203,8 @@ class _Strata:
     def estimate(self, level: float, rng: np.random.Generator) -> Estimate:
         """The probability of inside, from draws of the posterior of the share of every stratum.
 
-        For the lower end a stratum in which nothing was inside counts as empty, for the upper end one in which
-        all was inside as full: a prior would put half a sample into each of the large strata far away, which
+        For the lower end a stratum in which nothing was inside counts as empty, for the upper end one in
+        which all was inside as full: a prior would put half a sample into each of the large strata far away, which
         is more than a whole tail.
         """
         sizes = np.array([len(each) for each in self.members], dtype=np.float64)
