@@ -51,6 +51,10 @@ class Limit(Protocol):
         """At which it was asked for so far."""
 
     @property
+    def differentiable(self) -> bool:
+        """Whether there are slopes."""
+
+    @property
     def dimension(self) -> int:
         """L."""
 

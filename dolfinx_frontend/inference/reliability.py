@@ -312,6 +312,8 @@ def chance(
     if method == "auto" and hits >= FREQUENT:
         found = plain_sampling(limit, rng, cov, limit.left(most), level)
         return Chance(found, (), none, "monte carlo", f"it happened at {hits} of {PILOT} independent points")
+    if method == "auto" and not limit.differentiable:
+        return _without_points(limit, rng, cov, level, most, "derivatives work on one rank only")
     points = _searched(limit, pilot, margins, rng)
     usable = [each for each in points if each.beta > 0.0]
     if method in ("form", "sorm"):
@@ -326,6 +328,7 @@ class _Counted:
 
     def __init__(self, limit: Limit) -> None:
         self._limit, self.dimension, self.cuts = limit, limit.dimension, limit.cuts
+        self.differentiable = limit.differentiable
         self.points = 0
         self.slopes = limit.slopes
 

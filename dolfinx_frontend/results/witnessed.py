@@ -204,8 +204,8 @@ class _Strata:
         """The probability of inside, from draws of the posterior of the share of every stratum.
 
         For the lower end a stratum in which nothing was inside counts as empty, for the upper end one in
-        which all was inside as full: a prior would put half a sample into each of the large strata far away, which
-        is more than a whole tail.
+        which all was inside as full: a prior would put half a sample into each of the large strata far away,
+        which is more than a whole tail.
         """
         sizes = np.array([len(each) for each in self.members], dtype=np.float64)
         shares = rng.dirichlet(sizes + 1e-9, size=DRAWS) if len(sizes) > 1 else np.ones((DRAWS, 1))

@@ -30,6 +30,7 @@ class Conditions:
     def __init__(self, dimension: int, *functions: Function, cuts: Sequence[Cut] | None = None) -> None:
         self.dimension, self.functions = dimension, functions
         self.points = self.slopes_made = 0
+        self.differentiable = True
         self.cuts = cuts or [(k,) for k in range(len(functions))]
 
     def margins(self, u: Array) -> Array:

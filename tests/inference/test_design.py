@@ -233,3 +233,12 @@ def test_what_is_dear_ends_with_its_budget() -> None:
     limit = PUBLISHED["RP63"].single()
     found = chance(limit, "auto", np.random.default_rng(1), cov=0.1, level=0.999, most=12_000).found
     assert found.low <= PROBABILITIES["RP63"] <= found.high and limit.points <= 12_000
+
+
+def test_without_derivatives_subsets_do() -> None:
+    """As on several ranks."""
+    limit = PUBLISHED["RP22"].single()
+    limit.differentiable = False
+    found = chance(limit, "auto", np.random.default_rng(1), cov=0.1, level=0.999, most=20_000)
+    assert "one rank only" in found.why and limit.slopes_made == 0
+    assert found.found.low <= PROBABILITIES["RP22"] <= found.found.high
