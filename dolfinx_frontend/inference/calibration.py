@@ -366,7 +366,11 @@ def _least_squares(function: ProblemFunction, data: Data) -> Fit:
         scale[k] = std if std else scale[k]
     model = Model(function, data, scale, origin)
     start, first = np.zeros(len(origin)), function(origin)
-    found = optimize.least_squares(model.residuals, start, jac=model.slopes, xtol=1e-10, ftol=1e-12)
+    try:
+        found = optimize.least_squares(model.residuals, start, jac=model.slopes, xtol=1e-10, ftol=1e-12)
+    except SceneError as error:
+        told = _unit(first, data.means).replace(": they", "; the data")
+        raise SceneError(f"calibrate: on the way to the data: {error}{told}") from error
     jacobian = np.asarray(found.jac)
     _, sizes, right = np.linalg.svd(jacobian, full_matrices=True)
     sizes = np.concatenate([sizes, np.zeros(len(origin) - len(sizes))])

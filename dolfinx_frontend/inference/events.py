@@ -104,6 +104,10 @@ class Response:
         """The random numbers in it beside those of the problem."""
         return ()
 
+    def recipe(self) -> str:
+        """All that it is made of, numbers with all their digits; functions by their names."""
+        return self.name
+
     def check(self, problem: Problem) -> None:
         """Raise SceneError unless a problem has what is read."""
         if isinstance(self._of, _Opening):
@@ -237,6 +241,14 @@ class _Combined(Response):
             elif isinstance(each, Operand):
                 found.append(each)
         return tuple(found)
+
+    def recipe(self) -> str:
+        parts = [
+            each.recipe() if isinstance(each, Response)
+            else repr(each) if isinstance(each, Operand) else float(each).hex()
+            for each in self._operands
+        ]  # fmt: skip
+        return f"{getattr(self._function, '__name__', 'function')}({', '.join(parts)})"
 
     def check(self, problem: Problem) -> None:
         for each in self.readings:

@@ -97,7 +97,8 @@ class Journal:
             "run": "function",
             "inputs": list(inputs.names),
             "coordinates": inputs.coordinates,
-            "quantities": {name: each.name for name, each in outputs.items()},
+            "quantities": {name: each.recipe() for name, each in outputs.items()},
+            "random numbers": {name: each.tolist() for name, each in inputs.values(probe).items()},
             **fingerprint(inputs.problem, plan, inputs.parameters(plan, probe), codes),
         }
         return cls(path, facts)

@@ -86,6 +86,13 @@ def test_a_file_of_another_run_is_refused(problem: lf.Problem, tmp_path: Path) -
     for other, what in ((joints(RARE), "values"), (problem, "quantities")):
         with pytest.raises(SceneError, match=f"another run.*{what}"):
             other.function("bolt" if other is problem else "joint", checkpoint=tmp_path / "f")
+    strength = [lf.LogNormal("strength", mean, cov=0.1) for mean in (12e3, 13e3)]
+    bolt = Response("bolt")
+    pairs = [(bolt - strength[0], bolt - strength[1]), (bolt - 1.0, bolt - (1.0 + 1e-9))]
+    for number, (one, other) in enumerate(pairs):
+        problem.function(one, checkpoint=tmp_path / f"r{number}").close()
+        with pytest.raises(SceneError, match="another run"):
+            problem.function(other, checkpoint=tmp_path / f"r{number}")
     again = problem.function("joint", checkpoint=tmp_path / "f")
     assert np.array_equal(again(x), value)
     again.close()
