@@ -23,6 +23,7 @@ from dolfinx_frontend.inference.calibration import Fit, Posterior, calibrate
 from dolfinx_frontend.inference.events import Event, Response
 from dolfinx_frontend.inference.function import Evaluation, KinkWarning, ProblemFunction
 from dolfinx_frontend.inference.reliability import Reliability, reliability
+from dolfinx_frontend.inference.screening import Screening, screen
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.result import HistoryResult, Result
@@ -141,6 +142,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SceneWarning",
+    "Screening",
     "StochasticResult",
     "Substructure",
     "SweepResult",
@@ -172,6 +174,7 @@ __all__ = [
     "reliability",
     "report",
     "sample",
+    "screen",
     "solve",
     "sparse_quadrature",
     "sweep",

@@ -82,14 +82,18 @@ class Problem(OneProcess):
             germs, or by independent standard normal scores.
             on_failure: of points that do not converge, ``"nan"`` (NaN and a warning that names them) or
             ``"raise"``.
+            checkpoint: a file of the points that were solved; a script that asks for the same ones in the
+            same order again is answered from it, with the same digits, and goes on.
 
         Raises
         ------
         SceneError
             Nothing is random and no input is named, or an unknown name.
         """
-        from dolfinx_frontend.inference.function import problem_function
+        from dolfinx_frontend.inference.function import check_handed_on, problem_function
 
+        own = ("coordinates", "on_failure", "more")
+        check_handed_on("function", {n: v for n, v in settings.items() if n not in own})
         return problem_function(self, quantities, inputs, **settings)
 
     @property

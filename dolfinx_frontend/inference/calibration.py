@@ -10,21 +10,20 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, optimize, special, stats
+from scipy import optimize, special, stats
 from scipy.interpolate import PchipInterpolator
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_seed, checked_whole
-from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
-from dolfinx_frontend.inference.function import ProblemFunction, problem_function
+from dolfinx_frontend.inference.function import ProblemFunction, check_handed_on, problem_function
+from dolfinx_frontend.inference.posterior import Data, Model, covariance_of, modes_of, weighted
 from dolfinx_frontend.plan.plan import check_problem
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.parameters import FromDistribution, RandomParameter
 from dolfinx_frontend.uncertainty.quantities import Estimate
-from dolfinx_frontend.uncertainty.space import sobol_points
 
 __all__ = ["Direction", "Fit", "Posterior", "calibrate"]
 
@@ -32,12 +31,8 @@ UNSEEN = 0.7
 """Posterior over prior deviation of a direction above which the data say next to nothing of it."""
 FAR = 5.0
 """Deviations of the prior, and of the noise, that no explanation needs."""
-TAILS = 5.0
-"""Degrees of freedom of the density from which samples are drawn: tails heavier than any posterior's."""
-WIDER = 1.15
-POOR = 0.2
-"""Effective share of samples below which another density is fitted to them."""
-ROUNDS = 4
+MOVED = 1.0
+"""Deviations of the prior by which a direction that the data say little of may move."""
 UNIT = 1.5
 """Data that are 1000 times the prediction but for this factor look like a wrong unit."""
 
@@ -52,10 +47,13 @@ class Direction:
         Random number -> its share in the direction, squares of sum 1.
     seen
         Posterior over prior deviation along it: 1, the data say nothing.
+    moved
+        Deviations of the prior by which the likeliest point lies along it.
     """
 
     weights: Mapping[str, float]
     seen: float
+    moved: float = 0.0
 
     def __str__(self) -> str:
         parts = sorted(self.weights.items(), key=lambda each: -abs(each[1]))
@@ -119,6 +117,8 @@ class Posterior:
         Root mean square of the residuals at the likeliest point, in deviations of the noise.
     directions
         Combinations of the numbers, from what the data say most of to what they say least of.
+    modes
+        Random number -> value at the other points at which the density has a maximum that counts.
     runs, gradients, seconds
         Points that were solved, derivatives, wall time.
     """
@@ -136,11 +136,12 @@ class Posterior:
     gradients: int
     seconds: float
     priors: Mapping[str, Any] = field(default_factory=dict)
+    modes: tuple[Mapping[str, float], ...] = ()
 
     @property
     def unseen(self) -> tuple[Direction, ...]:
         """Directions of which the data say next to nothing: there the posterior is the prior."""
-        return tuple(each for each in self.directions if each.seen > UNSEEN)
+        return tuple(each for each in self.directions if each.seen > UNSEEN and abs(each.moved) < MOVED)
 
     def _column(self, name: str) -> Array:
         check_known("random number", name, self.names, "posterior")
@@ -205,6 +206,9 @@ class Posterior:
                 f"  {name} = {self.mean(name).value:.6g} +- {self.std(name):.3g} "
                 f"[{low:.5g}, {high:.5g}] (95 %){told}"
             )
+        for mode in self.modes:
+            at = ", ".join(f"{name} = {value:.5g}" for name, value in mode.items())
+            lines.append(f"  there is another maximum, at {at}")
         lines += [f"  the data say next to nothing of {each}" for each in self.unseen]
         return "\n".join(lines)
 
@@ -273,68 +277,6 @@ class _Smoothed:
         return -math.inf, math.inf
 
 
-@dataclass(frozen=True, eq=False)
-class _Data:
-    """Measurements: their means, and what noise these have."""
-
-    means: Array  # (quantities,)
-    noise: Array  # (quantities,) of the means
-    constant: float  # of the logarithm of the likelihood, beside the means'
-
-    @classmethod
-    def of(cls, outputs: Sequence[str], data: npt.ArrayLike, noise: Any) -> _Data:
-        where = "calibrate"
-        try:
-            values = np.array(data, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise SceneError(f"{where}: data = {short(data)}; give numbers, a column per quantity") from None
-        count = len(outputs)
-        if values.ndim < 2:
-            values = values.reshape(-1, 1) if count == 1 else values.reshape(1, -1)
-        if values.ndim != 2 or values.shape[1] != count or not values.size:
-            raise SceneError(
-                f"{where}: data of shape {np.shape(data)} for {count} quantities ({', '.join(outputs)}): "
-                "give a row "
-                "per measurement, a column per quantity, NaN where nothing was measured"
-            )
-        if np.any(np.isinf(values)):
-            raise SceneError(f"{where}: data: infinite; give finite numbers, NaN where nothing was measured")
-        given = noise
-        if isinstance(noise, Mapping):
-            for name in noise:
-                check_known("quantity", name, outputs, f"{where}: noise")
-            absent = [name for name in outputs if name not in noise]
-            if absent:
-                raise SceneError(f"{where}: noise: none for {', '.join(absent)}: give its standard deviation")
-            given = [noise[name] for name in outputs]
-        try:
-            deviation = np.broadcast_to(np.array(given, dtype=np.float64), (count,))
-        except (TypeError, ValueError):
-            raise SceneError(
-                f"{where}: noise = {short(noise)}: give one standard deviation, or one per quantity"
-            ) from None
-        for name, each in zip(outputs, deviation, strict=True):
-            if not (each > 0.0 and math.isfinite(each)):
-                raise SceneError(
-                    f"{where}: noise of {name} = {each:g}: give a standard deviation > 0, that of the "
-                    "measurement and "
-                    "of what the model leaves out"
-                )
-        counts = np.sum(~np.isnan(values), axis=0)
-        if np.any(counts == 0):
-            raise SceneError(
-                f"{where}: nothing was measured of {outputs[int(np.argmin(counts))]}: leave the quantity out"
-            )
-        means = np.nanmean(values, axis=0)
-        scatter = np.nansum((values - means) ** 2, axis=0) / deviation**2
-        constant = -0.5 * float(np.sum(scatter + counts * np.log(2.0 * math.pi * deviation**2)))
-        return cls(means, deviation / np.sqrt(counts), constant)
-
-    def residuals(self, values: Array) -> Array:
-        """(N, quantities), or (quantities,), in deviations of the noise of the means."""
-        return np.asarray((values - self.means) / self.noise)
-
-
 @together("calibrate")
 def calibrate(
     problem: Problem,
@@ -371,7 +313,8 @@ def calibrate(
     seed
         Of the random numbers.
     settings
-        active, direction, options, plan, times: as for :func:`solve`.
+        active, direction, options, plan, times: as for :func:`solve`. checkpoint: a file of the points that
+        were solved; the same call goes on with it, with the same digits.
 
     Raises
     ------
@@ -387,6 +330,7 @@ def calibrate(
     where = "calibrate"
     check_problem(where, problem)
     check_known("method", method, ("bayes", "least squares"), where)
+    check_handed_on(where, settings)
     checked_whole(where, "samples", samples, 64)
     if samples & (samples - 1):
         near = 2 ** samples.bit_length()
@@ -407,35 +351,26 @@ def calibrate(
             "one in the "
             "scene, or method='least squares'"
         )
-    known = _Data.of(function.outputs, data, noise)
-    return _bayes(function, known, samples, generator) if bayes else _least_squares(function, known)
+    try:
+        known = Data.of(function.outputs, data, noise)
+        return _bayes(function, known, samples, generator) if bayes else _least_squares(function, known)
+    finally:
+        function.close()
 
 
-class _Model:
-    """Residuals and their derivatives at points, counted."""
-
-    def __init__(self, function: ProblemFunction, data: _Data, scale: Array, origin: Array) -> None:
-        self.function, self.data, self.scale, self.origin = function, data, scale, origin
-        self.gradients = 0
-
-    def residuals(self, t: Array) -> Array:
-        return self.data.residuals(self.function(self.origin + self.scale * t))
-
-    def slopes(self, t: Array) -> Array:
-        self.gradients += 1
-        found = self.function.derivatives(self.origin + self.scale * t).values * self.scale
-        return np.asarray(found / self.data.noise[:, None])
-
-
-def _least_squares(function: ProblemFunction, data: _Data) -> Fit:
+def _least_squares(function: ProblemFunction, data: Data) -> Fit:
     origin = function.nominal
     scale = np.where(origin != 0.0, np.abs(origin), 1.0)
     for k, name in enumerate(function.inputs):
         std = getattr(function._inputs.random.space._sources.get(name), "std", None)
         scale[k] = std if std else scale[k]
-    model = _Model(function, data, scale, origin)
-    start = np.zeros(len(origin))
-    found = optimize.least_squares(model.residuals, start, jac=model.slopes, xtol=1e-10, ftol=1e-12)
+    model = Model(function, data, scale, origin)
+    start, first = np.zeros(len(origin)), function(origin)
+    try:
+        found = optimize.least_squares(model.residuals, start, jac=model.slopes, xtol=1e-10, ftol=1e-12)
+    except SceneError as error:
+        told = _unit(first, data.means).replace(": they", "; the data")
+        raise SceneError(f"calibrate: on the way to the data: {error}{told}") from error
     jacobian = np.asarray(found.jac)
     _, sizes, right = np.linalg.svd(jacobian, full_matrices=True)
     sizes = np.concatenate([sizes, np.zeros(len(origin) - len(sizes))])
@@ -449,11 +384,12 @@ def _least_squares(function: ProblemFunction, data: _Data) -> Fit:
     values = origin + scale * found.x
     misfit = math.sqrt(2.0 * float(found.cost) / len(data.means))
     if misfit > FAR:
-        hint = _unit(function(origin), data.means)
-        if hint:
-            raise SceneError(
-                f"calibrate: no values fit the data ({misfit:.3g} deviations of the noise off){hint}"
-            )
+        told = _unit(first, data.means) or _told(first, data.means, "the values of the scene")
+        raise SceneError(
+            f"calibrate: no values fit the data ({misfit:.3g} deviations of the noise off){told}"
+        )
+    if told := _unit(first, data.means):
+        warn(f"calibrate: the data{told.removeprefix(': they')}", SceneWarning)
     return Fit(
         dict(zip(function.inputs, values.tolist(), strict=True)),
         dict(zip(function.inputs, std.tolist(), strict=True)),
@@ -465,42 +401,43 @@ def _least_squares(function: ProblemFunction, data: _Data) -> Fit:
 
 
 def _unit(predicted: Array, means: Array) -> str:
-    """What is said where data look like another unit."""
+    """What is said where data look like another unit, or nothing."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = float(np.nanmedian(np.abs(means) / np.abs(predicted)))
     for factor in (1e3, 1e-3, 1e6, 1e-6):
         if ratio > 0.0 and factor / UNIT < ratio < factor * UNIT:
             times = f"{factor:g} times" if factor > 1.0 else f"1/{1.0 / factor:g} of"
             return f": they are about {times} the prediction: are they in the units of the scene?"
+    return ""
+
+
+def _told(predicted: Array, means: Array, of: str) -> str:
     shown, given = (np.array2string(each, precision=4) for each in (means, predicted))
-    return f": the data are {shown}, the medians of the priors give {given}"
+    return f": the data are {shown}, {of} give {given}"
 
 
-def _bayes(function: ProblemFunction, data: _Data, count: int, generator: np.random.Generator) -> Posterior:
+def _bayes(function: ProblemFunction, data: Data, count: int, generator: np.random.Generator) -> Posterior:
     began = perf_counter()
     dimension = function.dimension
-    model = _Model(function, data, np.ones(dimension), np.zeros(dimension))
+    model = Model(function, data, np.ones(dimension), np.zeros(dimension))
     first = function(np.zeros(dimension))
 
-    def residuals(u: Array) -> Array:
-        return np.concatenate([u, model.residuals(u)])
-
-    def slopes(u: Array) -> Array:
-        return np.vstack([np.eye(dimension), model.slopes(u)])
-
-    found = optimize.least_squares(residuals, np.zeros(dimension), jac=slopes, xtol=1e-9, ftol=1e-12)
-    u = np.asarray(found.x)
-    jacobian = np.asarray(found.jac)[dimension:]
-    misfit = float(np.sqrt(np.mean(found.fun[dimension:] ** 2)))
+    modes = modes_of(model, generator)
+    u, rest, jacobian = modes[0]
+    misfit = float(np.sqrt(np.mean(rest**2)))
     distance = float(np.linalg.norm(u))
     if misfit > FAR or distance > FAR * math.sqrt(max(1.0, dimension / 4.0)):
         raise SceneError(
             f"calibrate: the prior excludes the data: the best point is {distance:.3g} deviations from its "
             "median, and "
-            f"{misfit:.3g} deviations of the noise from the data" + _unit(first, data.means)
+            f"{misfit:.3g} deviations of the noise from the data"
+            + (_unit(first, data.means) or _told(first, data.means, "the medians of the priors"))
         )
-    inverse = linalg.inv(np.eye(dimension) + jacobian.T @ jacobian)
-    scores, weights, evidence = _weighted(model, u, inverse, count, generator)
+    if told := _unit(first, data.means):
+        warn(f"calibrate: the data{told.removeprefix(': they')}", SceneWarning)
+    inverse = covariance_of(jacobian)
+    peaks = [(each, covariance_of(slopes)) for each, _, slopes in modes]
+    scores, weights, evidence = weighted(model, peaks, count, generator)
     effective = float(1.0 / np.sum(weights**2))
     if effective < 50.0:
         warn(
@@ -529,15 +466,19 @@ def _bayes(function: ProblemFunction, data: _Data, count: int, generator: np.ran
         effective,
         evidence + data.constant,
         misfit,
-        _directions(function.inputs, jacobian),
+        _directions(function.inputs, jacobian, u),
         function.solves,
         model.gradients,
         perf_counter() - began,
         {name: space._sources[name] for name in names},
+        tuple(
+            {name: float(function._inputs.values(each[None])[name][0]) for name in names}
+            for each, _, _ in modes[1:]
+        ),
     )
 
 
-def _directions(names: Sequence[str], jacobian: Array) -> tuple[Direction, ...]:
+def _directions(names: Sequence[str], jacobian: Array, u: Array) -> tuple[Direction, ...]:
     """Right singular vectors of the derivatives in deviations of prior and noise."""
     _, sizes, right = np.linalg.svd(jacobian, full_matrices=True)
     sizes = np.concatenate([sizes, np.zeros(len(names) - len(sizes))])
@@ -545,42 +486,7 @@ def _directions(names: Sequence[str], jacobian: Array) -> tuple[Direction, ...]:
         Direction(
             dict(zip(names, (v * np.sign(v[np.abs(v).argmax()])).tolist(), strict=True)),
             float(1.0 / math.sqrt(1.0 + s * s)),
+            float(u @ v * np.sign(v[np.abs(v).argmax()])),
         )
         for s, v in zip(sizes, right, strict=True)
     )
-
-
-def _weighted(
-    model: _Model, centre: Array, covariance: Array, count: int, generator: np.random.Generator
-) -> tuple[Array, Array, float]:
-    """Samples (n, L) of the posterior with weights (n,) of sum 1, and the logarithm of the evidence (of the
-    means).
-
-    From Student's t distribution around the maximum, fitted again to its own weighted samples where these
-    are poor.
-    """
-    dimension = len(centre)
-    for attempt in range(ROUNDS):
-        factor = linalg.cholesky(WIDER**2 * covariance, lower=True)
-        unit = sobol_points(dimension + 1, count, generator)
-        unit = np.clip(unit, 2.0**-54, 1.0 - 2.0**-54)
-        normal = special.ndtri(unit[:, :dimension])
-        stretch = np.sqrt(TAILS / stats.chi2(TAILS).ppf(unit[:, dimension]))
-        offsets = normal * stretch[:, None]
-        scores = centre + offsets @ factor.T
-        rest = model.residuals(scores)
-        log_target = -0.5 * np.sum(scores**2, axis=1) - 0.5 * np.sum(rest**2, axis=1)
-        log_target -= 0.5 * dimension * math.log(2.0 * math.pi)
-        log_density = stats.multivariate_t(np.zeros(dimension), np.eye(dimension), df=TAILS).logpdf(offsets)
-        log_density = np.reshape(log_density, -1) - float(np.log(np.diag(factor)).sum())
-        logs = log_target - log_density
-        weights = np.exp(logs - logs.max())
-        evidence = float(logs.max() + np.log(weights.mean()))
-        weights /= weights.sum()
-        effective = 1.0 / float(np.sum(weights**2))
-        if effective > POOR * count or attempt == ROUNDS - 1:
-            break
-        centre = weights @ scores
-        away = scores - centre
-        covariance = away.T @ (weights[:, None] * away) + 1e-6 * np.eye(dimension)
-    return scores, weights, evidence

@@ -47,6 +47,14 @@ class Limit(Protocol):
     """Conditions g_i(u) < 0 of an event, as functions of L independent standard normal variables."""
 
     @property
+    def points(self) -> int:
+        """At which it was asked for so far."""
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether there are slopes."""
+
+    @property
     def dimension(self) -> int:
         """L."""
 

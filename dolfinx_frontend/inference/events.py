@@ -104,6 +104,10 @@ class Response:
         """The random numbers in it beside those of the problem."""
         return ()
 
+    def recipe(self) -> str:
+        """All that it is made of, numbers with all their digits; functions by their names."""
+        return self.name
+
     def check(self, problem: Problem) -> None:
         """Raise SceneError unless a problem has what is read."""
         if isinstance(self._of, _Opening):
@@ -238,6 +242,14 @@ class _Combined(Response):
                 found.append(each)
         return tuple(found)
 
+    def recipe(self) -> str:
+        parts = [
+            each.recipe() if isinstance(each, Response)
+            else repr(each) if isinstance(each, Operand) else float(each).hex()
+            for each in self._operands
+        ]  # fmt: skip
+        return f"{getattr(self._function, '__name__', 'function')}({', '.join(parts)})"
+
     def check(self, problem: Problem) -> None:
         for each in self.readings:
             each.check(problem)
@@ -311,13 +323,13 @@ class Event:
         self.conditions, self.cuts, self.name = tuple(conditions), tuple(cuts), name
 
     @staticmethod
-    def any(events: Iterable[Event]) -> Event:
+    def any(events: Iterable[Event] | Event) -> Event:
         """That one of some events happens at least."""
         several = _several("any", events)
         return _told(reduce(operator.or_, several), "any", several)
 
     @staticmethod
-    def all(events: Iterable[Event]) -> Event:
+    def all(events: Iterable[Event] | Event) -> Event:
         """That some events happen together."""
         several = _several("all", events)
         return _told(reduce(operator.and_, several), "all", several)
@@ -387,10 +399,13 @@ def _told(event: Event, word: str, events: list[Event]) -> Event:
     return Event(event.conditions, event.cuts, f"{word} of {len(events)}: {', '.join(ends)}")
 
 
-def _several(what: str, events: Iterable[Event]) -> list[Event]:
-    found = list(events)
+def _several(what: str, events: Iterable[Event] | Event) -> list[Event]:
+    wanted = "give events, as Response('joint') > 0.0"
+    if not isinstance(events, Iterable):
+        check_kind(f"Event.{what}", "events", events, Event, wanted)
+    found = list(events) if isinstance(events, Iterable) else [events]
     for each in found:
-        check_kind(f"Event.{what}", "event", each, Event, "give events, as Response('joint') > 0.0")
+        check_kind(f"Event.{what}", "event", each, Event, wanted)
     if not found:
         raise SceneError(f"Event.{what}: there is no event; give one at least")
     return found

@@ -10,6 +10,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
@@ -27,6 +28,7 @@ from dolfinx_frontend.formats.openturns import function_of
 from dolfinx_frontend.inference.events import Response, response
 from dolfinx_frontend.inference.gradients import Derivatives, derivatives
 from dolfinx_frontend.inference.inputs import Coordinates, Inputs
+from dolfinx_frontend.inference.journal import BATCH, Journal, Solved, settle
 from dolfinx_frontend.inference.points import answer_of, part_of
 from dolfinx_frontend.kernel.running import Interrupt, Interrupted
 from dolfinx_frontend.kernel.solver import Solver
@@ -34,9 +36,10 @@ from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, c
 from dolfinx_frontend.results.accuracy import place_of
 from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solvers.sampling import short_steps
+from dolfinx_frontend.solvers.sweep import checkpoint_path
 from dolfinx_frontend.uncertainty.expressions import Operand
 
-__all__ = ["Evaluation", "KinkWarning", "ProblemFunction", "problem_function"]
+__all__ = ["Evaluation", "KinkWarning", "ProblemFunction", "check_handed_on", "problem_function"]
 
 _log = logging.getLogger(__name__)
 
@@ -114,13 +117,18 @@ class ProblemFunction:
     problem, plan, solver
         What is solved, how, and on which factors.
     solves
-        Points that were solved so far.
+        Points that were solved so far, those of the checkpoint included.
     seconds
         Spent in solves and in derivatives.
     """
 
     def __init__(
-        self, inputs: Inputs, quantities: Mapping[str, Response], plan: Plan, on_failure: Failure = "nan"
+        self,
+        inputs: Inputs,
+        quantities: Mapping[str, Response],
+        plan: Plan,
+        on_failure: Failure = "nan",
+        checkpoint: Path | None = None,
     ) -> None:
         self._inputs = inputs
         self._responses = tuple(quantities.values())
@@ -134,6 +142,11 @@ class ProblemFunction:
         self._kept = int(min(KEPT, max(4, KEPT_BYTES // size)))
         fields = 2 * sum(i.num_points * i.dim for i in inputs.problem.interfaces.values()) * 8
         self._batch = int(max(1, BYTES // (size + fields * plan.steps + 1)))
+        self._journal: Journal | None = None
+        if checkpoint is not None:
+            self._journal = Journal.of(checkpoint, inputs, quantities, plan)
+            self._batch = min(self._batch, BATCH)
+            settle(self.solver)
 
     @property
     def dimension(self) -> int:
@@ -214,15 +227,36 @@ class ProblemFunction:
         return found
 
     def _solve(self, points: Array, which: npt.NDArray[np.int64], into: Evaluation) -> None:
-        """Solve some points and read them."""
+        """Solve some points and read them, or take them from the file."""
         x = points[which]
+        solved = None if self._journal is None else self._journal.batch(x)
+        if solved is None:
+            solved = self._solved(x)
+            if self._journal is not None:
+                self._journal.add(solved)
+        self.solves += len(x)
+        into.values[which], into.statuses[which] = solved.values, solved.statuses
+        into.places[which], into.error[which] = solved.places, solved.error
+        into.iterations[which] = solved.iterations
+        for k, data, traces in zip(solved.kept, solved.data, solved.traces, strict=True):
+            state = State(np.asfortranarray(data), np.asfortranarray(traces))
+            self._known[x[k].tobytes()] = _Known(
+                x[k].copy(), state, solved.values[k], "converged", str(solved.places[k]),
+                float(solved.error[k]),
+            )  # fmt: skip
+        while len(self._known) > self._kept:
+            self._known.popitem(last=False)
+
+    def _solved(self, x: Array) -> Solved:
+        """Points (n, inputs), solved."""
         starts = self._starts(x)
         every = np.vstack([x, *(each.x for each in starts)])
         with agreement(self.problem.comm):
             parameters = self._inputs.parameters(self.plan, every)
         if not parameters:
             raise SceneError(
-                f"function: nothing that is solved depends on {', '.join(self.inputs)}: name other inputs"
+                f"function: nothing that is solved depends on {', '.join(self.inputs)}: name other inputs, "
+                "or solve it once and compare the answer with their distributions"
             )
         scale = np.ptp(every, axis=0)
         scale[scale == 0.0] = 1.0
@@ -240,29 +274,31 @@ class ProblemFunction:
         solved = _first(walked, len(x))
         if np.any(solved.iterations < 0):
             done = int((solved.iterations >= 0).sum())
-            raise Interrupted(f"function: interrupted after {done} of {len(x)} points")
+            kept = ""
+            if self._journal is not None:
+                kept = "; the checkpoint has all batches before these: the same call goes on"
+            raise Interrupted(f"function: interrupted after {done} of {len(x)} points{kept}")
         own = part_of(parameters, slice(0, len(x)))
         values = self._read(answer_of(self.problem, self.plan, self.solver, solved, own), x)
-        self.solves += len(x)
-        bodies = self.solver.bodies
-        for k, number in enumerate(which):
-            place = place_of(self.plan, bodies, solved.worst[k])
-            into.values[number], into.statuses[number] = values[k], solved.status[k]
-            into.places[number] = place
-            into.error[number], into.iterations[number] = solved.error[k], solved.iterations[k]
-        assert solved.states is not None  # asked for
         # of a large batch those at the end, which are neighbours of each other, would do little good
-        kept = np.linspace(0, len(x) - 1, min(len(x), self._kept)).round().astype(int)
-        for k in dict.fromkeys(int(each) for each in kept):
-            if solved.status[k] == "converged":
-                data, traces = solved.states[k]
-                state = State(np.asfortranarray(data), np.asfortranarray(traces))
-                place = str(into.places[which[k]])
-                self._known[x[k].tobytes()] = _Known(
-                    x[k].copy(), state, values[k], "converged", place, float(solved.error[k])
-                )
-        while len(self._known) > self._kept:
-            self._known.popitem(last=False)
+        spaced = np.linspace(0, len(x) - 1, min(len(x), self._kept)).round().astype(np.int64)
+        kept_ones = np.array(
+            [k for k in np.unique(spaced) if solved.status[k] == "converged"], dtype=np.int64
+        )
+        assert solved.states is not None  # asked for
+        pairs = [solved.states[k] for k in kept_ones]
+        bodies = self.solver.bodies
+        return Solved(
+            x.copy(),
+            values,
+            np.array(solved.status, dtype="<U16"),
+            np.array([place_of(self.plan, bodies, each) for each in solved.worst], dtype="<U64"),
+            np.array(solved.error, dtype=np.float64),
+            np.array(solved.iterations, dtype=np.int64),
+            kept_ones,
+            np.array([data for data, _ in pairs]),
+            np.array([traces for _, traces in pairs]),
+        )
 
     def _starts(self, x: Array) -> list[_Known]:
         """Solved points near some points, which these are started from."""
@@ -325,14 +361,23 @@ class ProblemFunction:
         point = self._inputs.checked(x)
         if len(point) != 1:
             raise SceneError(f"function: derivatives of {len(point)} points; give one, (inputs,)")
-        found = self.evaluate(point)
+        found = self.evaluate(point)  # also where the file has the derivatives: the same starts follow
         if not found.converged[0]:
             raise SceneError(self._told(found, [0], 1))
+        if self._journal is not None and (written := self._journal.slopes(point[0])) is not None:
+            return written
         began = perf_counter()
         known = self._known[point[0].tobytes()]
         result = derivatives(self.solver, self._inputs, point[0], known.state, self._read)
         self.seconds += perf_counter() - began
+        if self._journal is not None:
+            self._journal.add_slopes(point[0], result)
         return result
+
+    def close(self) -> None:
+        """Release the checkpoint, so that another run can use it."""
+        if self._journal is not None:
+            self._journal.close()
 
     # --- for others -------------------------------------------------------------------------------
     def openturns(self) -> Any:
@@ -360,6 +405,16 @@ def _first(points: SweepPoints, count: int) -> SweepPoints:
         worst=points.worst[:count],
         largest=points.largest[:count],
     )
+
+
+SETTINGS = ("method", "active", "direction", "options", "plan", "times", "checkpoint")
+"""What other calls hand on to the function that they are made of."""
+
+
+def check_handed_on(where: str, given: Mapping[str, Any]) -> None:
+    """Refuse settings that are none."""
+    for name in given:
+        check_known("setting", name, SETTINGS, where)
 
 
 def _named(where: str, quantities: Any) -> dict[str, Response]:
@@ -394,10 +449,12 @@ def problem_function(
     options: Options | None = None,
     plan: Plan | None = None,
     times: npt.ArrayLike | None = None,
+    checkpoint: str | Path | None = None,
 ) -> ProblemFunction:
     """As :meth:`Problem.function`, which has the parameters; `more`: random numbers beside the problem's."""
     settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
     check_problem("function", problem, plan)
+    file = checkpoint_path("function", problem, checkpoint)
     check_settings("function", plan, method, **settings)
     check_known("on_failure", on_failure, ("nan", "raise"), "function")
     named = _named("function", quantities)
@@ -409,4 +466,4 @@ def problem_function(
         plan = own.plan(None, method=method, **settings)
     else:
         own.plan(plan)
-    return ProblemFunction(own, named, plan, on_failure)
+    return ProblemFunction(own, named, plan, on_failure, file)

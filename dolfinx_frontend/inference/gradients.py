@@ -8,7 +8,8 @@ bodies answer. Where no point of an interface changes its status, so that r is s
 one linear system with as many right-hand sides as there are inputs, on the factors that the solve had. Its
 operator is applied by differences of the *laws*, point by point: exact up to rounding in a branch, and of
 second order where a law is curved; time steps see those before them. Newton's tangent is the preconditioner,
-GMRES does the rest. The readings are then differences along the answer; no solve is ever differenced.
+conjugate residuals of all inputs together do the rest. The readings are then differences along the answer; no
+solve is ever differenced.
 
 At a kink (a point that just opens, starts to slip) there is no derivative: the laws leave a residual at the
 predicted neighbours that is of first order instead of second, and that is flagged.
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from latin_core import Laws, Linearised, NumericalError, State
-from scipy.sparse.linalg import LinearOperator, gmres
+from scipy import linalg
 
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.inference.inputs import Inputs
@@ -39,9 +40,12 @@ REACH = 1e-6
 """Of the difference quotients of the laws, relative to the state."""
 ENOUGH = 1e-9
 """Residual of the linear systems, relative to their right-hand sides."""
+NEAR = 3e-7
+"""The same where the tangent of the whole structure is too dear to make corrections with, or does not do."""
 MOST_SWEEPS = 8
-"""Corrections before GMRES, beside one per time step."""
-MOST_GRADIENTS = 200
+"""Corrections before conjugate residuals, beside one per time step."""
+IDLE = 8
+"""Rounds of the search in which the residual is not halved, after which it ends."""
 FLAGGED = 1e-3
 """Residual at the neighbours, relative to that of no prediction, above which there is a kink."""
 NOTHING = 1e-12
@@ -174,8 +178,8 @@ class _System:
         self.tangent: Linearised | None = None
         try:
             self.tangent = solver.linearised(laws, State(self.data, self.traces))
-        except NumericalError:
-            _log.info("derivatives: no tangent of the whole structure, GMRES without a preconditioner")
+        except NumericalError as error:
+            _log.info("derivatives: no tangent of the whole structure, no preconditioner: %s", error)
 
     def place(self, row: int) -> str:
         """The interface of a row."""
@@ -245,35 +249,63 @@ class _System:
             best = np.where(better, now, best)
             if best.max(initial=0.0) <= ENOUGH or not fell:
                 break
-        for number in np.flatnonzero(best > 1e3 * ENOUGH):
-            own = slice(number * self.columns, (number + 1) * self.columns)
-            answer[:, own], best[number] = self._krylov(right[:, own], answer[:, own], float(best[number]))
+        late = np.flatnonzero(best > NEAR)
+        if len(late):
+            own = np.repeat(np.isin(np.arange(len(best)), late), self.columns)
+            answer[:, own], best[late] = self._krylov(right[:, own], answer[:, own])
         answer[:, np.repeat(nothing, self.columns)] = 0.0
         return answer, float(best.max(initial=0.0))
 
-    def _krylov(self, right: Array, start: Array, reached: float) -> tuple[Array, float]:
-        """The same of one set, by GMRES."""
-        shape, size = right.shape, right.size
+    def _vectors(self, block: Array) -> Array:
+        """(rows, sets * columns) -> (rows * columns, sets)."""
+        shaped = block.reshape(len(block), -1, self.columns).transpose(0, 2, 1)
+        return np.ascontiguousarray(shaped).reshape(-1, shaped.shape[2])
 
-        def shaped(function: Callable[[Array], Array]) -> LinearOperator:
-            def times(v: Array) -> Array:
-                return np.asarray(function(v.reshape(shape))).ravel()
+    def _block(self, vectors: Array) -> Array:
+        """(rows * columns, sets) -> (rows, sets * columns)."""
+        shaped = vectors.reshape(-1, self.columns, vectors.shape[1]).transpose(0, 2, 1)
+        return np.asfortranarray(shaped.reshape(len(shaped), -1))
 
-            return LinearOperator((size, size), matvec=times, dtype=float)
+    def _krylov(self, right: Array, start: Array) -> tuple[Array, Array]:
+        """The same of several sets, by conjugate residuals in one space of all of them.
 
-        found, _ = gmres(
-            shaped(self.apply),
-            -right.ravel(),
-            x0=start.ravel(),
-            rtol=ENOUGH,
-            atol=0.0,
-            restart=60,
-            maxiter=MOST_GRADIENTS // 60 + 1,
-            M=shaped(lambda v: -self.correct(v)),
-        )
-        answer = found.reshape(shape)
-        now = float(np.abs(right + self.apply(answer)).max() / np.abs(right).max())
-        return (answer, now) if now < reached else (start, reached)
+        Inputs of one structure have much in common: each finds its answer in the directions of all, and a
+        round applies the bodies to all of them at once.
+        """
+        answer = self._vectors(start)
+        rest = -self._vectors(right + self.apply(start))
+        sizes = np.linalg.norm(self._vectors(right), axis=0)
+        now = np.linalg.norm(rest, axis=0) / sizes
+        best, found, idle, mark = now.copy(), answer.copy(), 0, float(now.max())
+        most = int(min(len(rest), max(len(sizes), BYTES // (16 * len(rest)))))
+        directions: Array = np.zeros((len(rest), 0))
+        images: Array = np.zeros((len(rest), 0))
+        while idle < IDLE and now.max() > 0.0 and images.shape[1] + len(sizes) <= most:
+            open_ones = now > NEAR
+            if not open_ones.any():
+                break
+            new = rest[:, open_ones] / np.linalg.norm(rest[:, open_ones], axis=0)
+            new = -self._vectors(self.correct(self._block(new)))
+            image = self._vectors(self.apply(self._block(new)))
+            for _ in range(2):
+                parts = images.T @ image
+                image, new = image - images @ parts, new - directions @ parts
+            turned, triangle, order = linalg.qr(image, mode="economic", pivoting=True)
+            heights = np.abs(np.diag(triangle))
+            rank = int(np.count_nonzero(heights > 1e-9 * heights.max(initial=1e-300)))
+            triangle, turned = triangle[:rank, :rank], turned[:, :rank]
+            new = linalg.solve_triangular(triangle, new[:, order[:rank]].T, trans="T").T
+            parts = turned.T @ rest
+            answer, rest = answer + new @ parts, rest - turned @ parts
+            directions, images = np.hstack([directions, new]), np.hstack([images, turned])
+            now = np.linalg.norm(rest, axis=0) / sizes
+            better = now < best
+            idle = idle + 1 if now.max() > 0.5 * mark else 0
+            mark = now.max() if idle == 0 else mark
+            best[better], found[:, better] = now[better], answer[:, better]
+        # differences of the laws have rounding that the recurrence does not see
+        true = np.linalg.norm(self._vectors(right + self.apply(self._block(found))), axis=0) / sizes
+        return self._block(found), true
 
 
 def laws_at_sets(solver: Solver, laws: Laws, count: int) -> Laws:

@@ -93,9 +93,8 @@ class Inputs:
                 given = [g for n in space.names for g in (_germs_of(space, n) if n in fields else [n])]
             if not given:
                 raise SceneError(
-                    "function: nothing is random: name the inputs, e.g. inputs=['joint.normal'], or give a "
-                    "law or a "
-                    "load a random value"
+                    "function: nothing is random: give a law or a load a random value, or name the inputs of "
+                    "the function, e.g. inputs=['joint.normal']"
                 )
         twice = [n for k, n in enumerate(given) if n in given[:k]]
         if twice:
@@ -111,7 +110,7 @@ class Inputs:
                         f"{_germs_of(space, name)[0]!r}, ..."
                     )
                 continue
-            check_known("input", name, [*space.germ_names, *space.names, *known], where)
+            check_known("input", name, {*space.germ_names, *space.names, *known}, where)
             if name not in space.germ_names:
                 raise SceneError(
                     f"function: input {name!r} with coordinates = {coordinates!r}: name germs, "

@@ -45,6 +45,11 @@ class ProblemLimit:
         self.kinks = 0
 
     @property
+    def differentiable(self) -> bool:
+        """Whether derivatives can be had: on one rank."""
+        return self.function.problem.distribution is None
+
+    @property
     def dimension(self) -> int:
         """Germs."""
         return self.function.dimension

@@ -31,11 +31,12 @@ from dolfinx_frontend.inference.design import (
     worst,
 )
 from dolfinx_frontend.inference.events import Event
+from dolfinx_frontend.inference.function import check_handed_on
+from dolfinx_frontend.inference.importance import importance_sampling
 from dolfinx_frontend.inference.limit import ProblemLimit
 from dolfinx_frontend.inference.tails import (
     Found,
     directional_sampling,
-    importance_sampling,
     plain_sampling,
     subset_simulation,
 )
@@ -58,6 +59,11 @@ MOST_STARTS = 6
 """Points from which more design points are searched."""
 FARTHER = 2.5
 """A design point further than the first by so many deviations adds nothing."""
+WORTH = 3000
+"""Points that must be left for directions to be tried."""
+LEAST = 50
+"""Points that a sampling is allowed whatever the search has taken."""
+FLAT = "the quantity is the same at all of the first points"
 FEW = 8
 """Variables up to which directions are sampled where design points do not do."""
 
@@ -203,7 +209,9 @@ def reliability(
     seed
         Of the random numbers: the same seed gives the same answer.
     settings
-        active, direction, options, plan, times: as for :func:`solve`.
+        active, direction, options, plan, times: as for :func:`solve`. checkpoint: a file of the points that
+        were solved; the same call goes on with it, with the same digits, also with a smaller `cov` or a
+        larger `most`.
 
     Raises
     ------
@@ -218,6 +226,7 @@ def reliability(
     where = "reliability"
     check_problem(where, problem)
     check_kind(where, "event", event, Event, "give an event, as Response('joint') > 0.0")
+    check_handed_on(where, settings)
     known = ("auto", "form", "sorm", "importance", "directional", "subset", "monte carlo")
     check_known("method", method, known, where)
     checked_number(where, "cov", cov, above=0.0, below=1.0)
@@ -227,7 +236,10 @@ def reliability(
     began = perf_counter()
     limit = ProblemLimit(problem, event, **settings)
     ready = perf_counter()
-    found = chance(limit, method, rng, cov=cov, level=level, most=most)
+    try:
+        found = chance(limit, method, rng, cov=cov, level=level, most=most)
+    finally:
+        limit.function.close()
     estimate = found.found
     points = sorted(found.points, key=lambda each: each.beta)
     result = Reliability(
@@ -259,7 +271,7 @@ def _tell(result: Reliability, found: Found, cov: float, limit: ProblemLimit) ->
         warn(
             f"{told}it did not happen at any of {result.runs} points"
             + (f"; its probability is below {high:.2g}" if high < 1.0 else "")
-            + ": check the event, or raise most",
+            + (f": {result.why}" if FLAT in result.why else ": check the event, or raise most"),
             SceneWarning,
         )
     elif found.value == 1.0:
@@ -288,6 +300,7 @@ def chance(
     samplers: dict[str, Callable[..., Found]] = {
         "monte carlo": plain_sampling, "directional": directional_sampling, "subset": subset_simulation,
     }  # fmt: skip
+    limit = _Counted(limit)
     if method in samplers:
         found = samplers[method](limit, rng, cov, most, level)
         return Chance(found, (), none, method, "as asked")
@@ -297,8 +310,10 @@ def chance(
     hits = int((distance[1:] < 0.0).sum())
     asked = "as asked" if method != "auto" else ""
     if method == "auto" and hits >= FREQUENT:
-        found = plain_sampling(limit, rng, cov, max(most - len(pilot), 100), level)
+        found = plain_sampling(limit, rng, cov, limit.left(most), level)
         return Chance(found, (), none, "monte carlo", f"it happened at {hits} of {PILOT} independent points")
+    if method == "auto" and not limit.differentiable:
+        return _without_points(limit, rng, cov, level, most, "derivatives work on one rank only")
     points = _searched(limit, pilot, margins, rng)
     usable = [each for each in points if each.beta > 0.0]
     if method in ("form", "sorm"):
@@ -308,13 +323,30 @@ def chance(
     return _sampled(limit, usable, rng, cov, level, most, asked)
 
 
+class _Counted:
+    """A limit that counts the points at which it is asked for."""
+
+    def __init__(self, limit: Limit) -> None:
+        self._limit, self.dimension, self.cuts = limit, limit.dimension, limit.cuts
+        self.differentiable = limit.differentiable
+        self.points = 0
+        self.slopes = limit.slopes
+
+    def margins(self, u: Array) -> Array:
+        self.points += len(u)
+        return self._limit.margins(u)
+
+    def left(self, most: int) -> int:
+        """Points that are left of `most`, a few at least."""
+        return max(most - self.points, LEAST)
+
+
 def _flat(distance: Array) -> str:
     """Why there is no design point."""
     if np.ptp(distance) == 0.0:
         return (
-            "no design point was found: the quantity is the same at all of the first points; take one that "
-            "tells how "
-            "far the event is, as Response.opening"
+            f"no design point was found: {FLAT}: it depends on nothing that is random, or does not change "
+            "before it happens; take one that tells how far the event is, as Response.opening"
         )
     return "no design point was found"
 
@@ -388,7 +420,7 @@ def _approximate(limit: Limit, method: str, points: list[DesignPoint], at_origin
 
 
 def _sampled(
-    limit: Limit,
+    limit: _Counted,
     points: list[DesignPoint],
     rng: np.random.Generator,
     cov: float,
@@ -408,11 +440,11 @@ def _sampled(
         known.extend(more)
         return more
 
-    found = importance_sampling(limit, points, rng, cov, most, level, search)
+    found = importance_sampling(limit, points, rng, cov, limit.left(most), level, search)
     added = len(known) - len(points)
     why = f"{len(known)} design point{'s' if len(known) > 1 else ''}"
-    if not found.complete and not asked and limit.dimension <= FEW:
-        other = directional_sampling(limit, rng, cov, most, level)
+    if not found.complete and not asked and limit.dimension <= FEW and limit.left(most) > WORTH:
+        other = directional_sampling(limit, rng, cov, limit.left(most), level)
         if other.complete:
             return Chance(other, tuple(known), none, "directional", f"{why} are not all there is")
     why += f", {added} of them found by samples" if added else ""
@@ -420,12 +452,12 @@ def _sampled(
 
 
 def _without_points(
-    limit: Limit, rng: np.random.Generator, cov: float, level: float, most: int, why: str
+    limit: _Counted, rng: np.random.Generator, cov: float, level: float, most: int, why: str
 ) -> Chance:
     """Subset simulation, and samples around the points where it arrives."""
     none = float("nan")
-    found = subset_simulation(limit, rng, max(cov, 0.2), most, level)
-    if not len(found.failed) or found.points >= most:
+    found = subset_simulation(limit, rng, max(cov, 0.2), limit.left(most), level)
+    if not len(found.failed) or limit.left(most) <= LEAST:
         return Chance(found, (), none, "subset", why)
     order = np.argsort(np.linalg.norm(found.failed, axis=1))
     points: list[DesignPoint] = []
@@ -434,7 +466,7 @@ def _without_points(
             beta = float(np.linalg.norm(u))
             cut = limit.cuts[0]
             points.append(DesignPoint(u, beta, u / beta, cut, cut, np.zeros((0, len(u))), False, 0))
-    better = importance_sampling(limit, points, rng, cov, most - found.points, level)
+    better = importance_sampling(limit, points, rng, cov, limit.left(most), level)
     overlap = better.low <= found.high and found.low <= better.high
     if better.complete and overlap:
         return Chance(better, (), none, "importance", f"{why}: around points of a subset simulation")

@@ -8,38 +8,18 @@ failed point silently.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import special, stats
+from scipy import stats
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.inference.design import DesignPoint, Limit, worst
+from dolfinx_frontend.inference.design import Limit, worst
 
-__all__ = ["Found", "directional_sampling", "importance_sampling", "plain_sampling", "subset_simulation"]
+__all__ = ["Found", "directional_sampling", "plain_sampling", "subset_simulation"]
 
-FEWEST = 200
-"""Points of importance sampling at least, on which its own scatter is judged."""
-FEWEST_HITS = 40
-"""Points of these at which the event happens."""
 SAFETY = 0.85
 """Coefficient of variation that is aimed at, relative to the wanted one, which is estimated as well."""
-OUTSIDE = 0.15
-"""Share of the points of importance sampling that look elsewhere than around the design points."""
-SMALLER = 0.3
-"""Of the ball outside of which they do than the distance of the nearest design point, deviations."""
-BEYOND = 0.6
-"""Share of the points that are drawn beyond the tangent planes of the design points."""
-MOVED = 0.1
-"""Of these planes towards the origin, deviations."""
-HEAVY = 0.07
-"""Share of one point in the whole estimate that says that the density misses a part of the event."""
-STOPPED = 1.1
-"""Factor of the width of the interval, which is estimated from the samples on which the sampling stopped."""
-APART = 1.5
-"""Distance of such a point from design points and from others from which was searched."""
-MOST_SEARCHES = 12
 FARTHEST = 8.5
 """Radius (deviations, beside that of the other variables) up to which directions are searched."""
 
@@ -91,138 +71,6 @@ def plain_sampling(
     test = stats.binomtest(hits, count).proportion_ci(level, method="wilson")
     spread = math.sqrt((1.0 - value) / hits) if hits else math.inf
     return Found(value, float(test.low), float(test.high), spread, count, hits, spread <= cov, failed)
-
-
-# --- importance sampling ------------------------------------------------------------------------------
-@dataclass(frozen=True, eq=False)
-class _Mixture:
-    """Densities around design points, of three kinds.
-
-    Beyond the tangent plane of a design point, moved a little towards the origin, the standard normal
-    density itself: where the limit is a plane all weights are the same. Around the points the normal density
-    of unit covariance, for what is curved towards the origin. And the standard normal density outside of a
-    ball that is a little smaller than the distance of the nearest design point, in all directions, for what
-    nobody has thought of.
-    """
-
-    centres: Array  # (n, L)
-    normals: Array  # (n, L) of length 1
-    offsets: Array  # (n,) of the planes from the origin
-    shares: Array  # (2 n + 1,), of sum 1: beyond the planes, around the points, outside of the ball
-    radius: float
-
-    @classmethod
-    def around(cls, points: Sequence[DesignPoint]) -> _Mixture:
-        chances = special.log_ndtr(-np.array([each.beta for each in points]))
-        shares = np.exp(chances - chances.max())
-        shares = np.maximum(shares / shares.sum(), 0.2 / len(points))
-        shares /= shares.sum()
-        centres = np.array([each.u for each in points])
-        nearest = min(each.beta for each in points)
-        return cls(
-            centres,
-            np.array([each.alpha for each in points]),
-            np.array([each.beta for each in points]) - MOVED,
-            np.concatenate([BEYOND * shares, (1.0 - BEYOND - OUTSIDE) * shares, [OUTSIDE]]),
-            max(nearest - SMALLER, 0.0),
-        )
-
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
-        number = len(self.centres)
-        which = rng.choice(len(self.shares), size=count, p=self.shares)
-        u = rng.standard_normal((count, self.centres.shape[1]))
-        beyond = which < number
-        normals = self.normals[which[beyond]]
-        # the part along the normal: a tail of the normal distribution by its inverse
-        tail = special.ndtr(-self.offsets[which[beyond]]) * rng.random(int(beyond.sum()))
-        along = -special.ndtri(np.maximum(tail, 1e-300))
-        u[beyond] += (along - np.sum(u[beyond] * normals, axis=1))[:, None] * normals
-        near = (which >= number) & (which < 2 * number)
-        u[near] += self.centres[which[near] - number]
-        outside = which == 2 * number
-        chance = rng.random(int(outside.sum())) * float(stats.chi2.sf(self.radius**2, u.shape[1]))
-        radii = np.sqrt(stats.chi2.isf(np.maximum(chance, 1e-300), u.shape[1]))
-        u[outside] *= (radii / np.linalg.norm(u[outside], axis=1))[:, None]
-        return u
-
-    def ratio(self, u: Array) -> Array:
-        """Logarithm of this density over the standard normal one, (N,)."""
-        with np.errstate(divide="ignore"):
-            inside = np.log((u @ self.normals.T > self.offsets).astype(float))
-        beyond = inside - special.log_ndtr(-self.offsets)
-        near = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
-        with np.errstate(divide="ignore"):
-            far = np.log((np.linalg.norm(u, axis=1) > self.radius).astype(float))
-        outside = far - stats.chi2.logsf(self.radius**2, u.shape[1])
-        logs = np.column_stack([beyond, near, outside])
-        return np.asarray(special.logsumexp(logs, b=self.shares, axis=1))
-
-
-def importance_sampling(
-    limit: Limit,
-    points: Sequence[DesignPoint],
-    rng: np.random.Generator,
-    cov: float,
-    most: int,
-    level: float,
-    search: Callable[[Array], Sequence[DesignPoint]] | None = None,
-) -> Found:
-    """Samples around design points.
-
-    Where a sample shows a part of the event of which there is no design point, more are searched and samples
-    drawn around all of them. No sample is ever thrown away, which would be a choice by the answer: all count
-    with the mixture of the densities that they were drawn from (E. Veach, L. Guibas, SIGGRAPH 95, 419: the
-    balance heuristic).
-
-    Parameters
-    ----------
-    search
-        A point (L,) where the event happens -> new design points, or none; None: none are searched.
-    """
-    stages = [_Mixture.around(points)]
-    counts = [0]
-    hit: Array = np.zeros((0, limit.dimension))
-    weights = np.zeros(0)
-    looked: list[Array] = []
-    wanted = min(FEWEST, most)
-    while True:
-        new = stages[-1].draw(rng, wanted - sum(counts))
-        hit = np.concatenate([hit, new[worst(limit.margins(new), limit.cuts) < 0.0]])
-        counts[-1] += len(new)
-        count, hits = sum(counts), len(hit)
-        ratios = np.stack([stage.ratio(hit) for stage in stages], axis=1)
-        weights = count * np.exp(-special.logsumexp(ratios, b=np.array(counts), axis=1))
-        value = float(weights.sum()) / count
-        square = float(np.sum(weights**2)) / count - value**2
-        spread = math.sqrt(max(square, 0.0) / (count - 1.0)) / value if hits else math.inf
-        if search is not None and hits >= 5 and count < most and len(looked) < MOST_SEARCHES:
-            heavy = hit[int(weights.argmax())]
-            known = np.vstack([stages[-1].centres, *looked])
-            share = float(weights.max() / weights.sum())
-            if share > HEAVY and np.linalg.norm(known - heavy, axis=1).min() > APART:
-                looked.append(heavy[None])
-                if more := search(heavy):
-                    points = [*points, *more]
-                    stages.append(_Mixture.around(points))
-                    counts.append(0)
-                    wanted = min(count + FEWEST // 2, most)
-                    continue
-        if (hits >= FEWEST_HITS and spread <= SAFETY * cov) or count >= most:
-            return _found(weights, hit, count, value, spread, cov, level)
-        further = count * (spread / (SAFETY * cov)) ** 2 if hits >= 5 else 2.0 * count
-        wanted = int(min(max(1.1 * further, count + 50), 4.0 * count, most))
-
-
-def _found(
-    weights: Array, hit: Array, count: int, value: float, spread: float, cov: float, level: float
-) -> Found:
-    """The interval is that of the logarithm: the estimate is positive, and skew where few points hit."""
-    hits = len(hit)
-    if not hits:
-        return Found(0.0, 0.0, 1.0, math.inf, count, 0, False, hit)
-    half = STOPPED * float(stats.t.isf(0.5 * (1.0 - level), max(hits - 1, 1))) * spread
-    low, high = value * math.exp(-half), min(value * math.exp(half), 1.0)
-    return Found(value, low, high, spread, count, hits, spread <= cov, hit[:200])
 
 
 # --- directions ---------------------------------------------------------------------------------------

@@ -201,23 +201,29 @@ class _Strata:
         return total
 
     def estimate(self, level: float, rng: np.random.Generator) -> Estimate:
-        """The probability of inside, from draws of the posterior (Jeffreys' prior in every stratum)."""
+        """The probability of inside, from draws of the posterior of the share of every stratum.
+
+        For the lower end a stratum in which nothing was inside counts as empty, for the upper end one in
+        which all was inside as full: a prior would put half a sample into each of the large strata far away,
+        which is more than a whole tail.
+        """
         sizes = np.array([len(each) for each in self.members], dtype=np.float64)
         shares = rng.dirichlet(sizes + 1e-9, size=DRAWS) if len(sizes) > 1 else np.ones((DRAWS, 1))
-        total: Array = np.zeros(DRAWS)
-        chance: Array
+        ends: list[Array] = [np.zeros(DRAWS), np.zeros(DRAWS)]
         for number, inside in enumerate(self.inside):
             looked, hits = self.looked[number], self.hits[number]
-            if looked == 0:
-                chance = np.full(DRAWS, float(inside))
-            elif looked == len(self.members[number]):
-                chance = np.full(DRAWS, hits / looked)
-            else:
-                chance = rng.beta(hits + 0.5, looked - hits + 0.5, size=DRAWS)
-            total += shares[:, number] * chance
+            share = float(inside) if looked == 0 else hits / looked
+            known = looked == 0 or looked == len(self.members[number])
+            for upper, total in enumerate(ends):
+                if known or share == float(upper):
+                    total += shares[:, number] * share
+                else:
+                    one, other = (0.5, 0.0) if upper else (0.0, 0.5)
+                    chance = rng.beta(hits + one, looked - hits + other, size=DRAWS)
+                    total += shares[:, number] * chance
         tail = 0.5 * (1.0 - level)
         value = self._value()
-        low, high = np.quantile(total, [tail, 1.0 - tail])
+        low, high = float(np.quantile(ends[0], tail)), float(np.quantile(ends[1], 1.0 - tail))
         # where nothing is inside, the rule of three
         most = -math.log(tail) / self.count
-        return Estimate(value, float(min(low, value)), float(max(high, value, most)), level)
+        return Estimate(value, min(low, value), max(high, value, most), level)

@@ -140,3 +140,53 @@ def test_bad_data() -> None:
         calibrate(problem, where, DATA, NOISE, inputs=["pull.x"])
     with pytest.raises(SceneError, match="give a power of two"):
         calibrate(problem, where, DATA, NOISE, samples=1000)
+
+
+def test_two_values_that_fit_alike() -> None:
+    """A sign that the data do not see: both maxima are sampled, and the evidence has both."""
+    pull = lf.Normal("F", mean=200.0, std=800.0)
+    problem = bars(50.0, force=pull)
+    size = abs(lf.Response(end(problem)))
+    found = calibrate(problem, size, [0.2, 0.21], 0.01, options=TIGHT)
+    assert isinstance(found, Posterior)
+    z = np.linspace(-6.0, 6.0, 400_001)
+    force = 200.0 + 800.0 * z
+    values = np.abs(force) / FORCE * moved(50.0)
+    density = np.exp(stats.norm.logpdf(z) + sum(stats.norm.logpdf(y, values, 0.01) for y in (0.2, 0.21)))
+    share = density / density.sum()
+    mean = float(share @ force)
+    assert len(found.modes) == 1 and "another maximum" in repr(found)
+    assert found.mean("F").low - 20.0 <= mean <= found.mean("F").high + 20.0
+    assert found.std("F") == pytest.approx(np.sqrt(share @ (force - mean) ** 2), rel=0.02)
+    assert found.evidence == pytest.approx(np.log(density.sum() * (z[1] - z[0])), abs=0.05)
+
+
+def test_a_ridge_is_followed() -> None:
+    """Of two layers only the sum is seen, to a thousandth: the deviation of one is that of the integral."""
+    problem = bars(lf.LogNormal("a", 25.0, cov=0.3), more=lf.LogNormal("b", 25.0, cov=0.3))
+    found = calibrate(problem, end(problem), [moved(47.0)], 2e-4, options=TIGHT)
+    assert isinstance(found, Posterior)
+    s = np.sqrt(np.log1p(0.09))
+    a = np.linspace(1.0, 46.0, 40_001)  # with so little noise b is 47 - a
+    share = stats.lognorm.pdf(a, s, scale=25.0 * np.exp(-0.5 * s * s))
+    share *= stats.lognorm.pdf(47.0 - a, s, scale=25.0 * np.exp(-0.5 * s * s))
+    share /= share.sum()
+    assert found.std("a") == pytest.approx(np.sqrt(share @ (a - share @ a) ** 2), rel=0.05)
+    assert found.effective > 200.0
+
+
+def test_a_direction_that_moved_is_seen() -> None:
+    """Data with much noise and far from the prior say little, but move the value by deviations."""
+    problem = bars(lf.LogNormal("k", 50.0, cov=0.3))
+    found = calibrate(problem, end(problem), [moved(15.0)], 0.13, options=TIGHT, samples=256)
+    assert isinstance(found, Posterior)
+    (only,) = found.directions
+    assert abs(only.moved) > 1.0 and not found.unseen
+
+
+def test_another_unit_is_said_even_where_it_fits() -> None:
+    problem = bars(50.0)
+    with pytest.warns(lf.SceneWarning, match="about 1000 times the prediction"):
+        calibrate(problem, end(problem), [1000.0 * moved(50.0)], 1.0, "least squares", inputs=["pull.x"])
+    with pytest.raises(SceneError, match="unknown setting 'sample'"):
+        calibrate(problem, end(problem), DATA, NOISE, sample=4)

@@ -1,0 +1,124 @@
+"""Which of many random inputs matter: derivative-based screening."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_seed, checked_whole
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.inference.function import check_handed_on, problem_function
+from dolfinx_frontend.plan.plan import check_problem
+from dolfinx_frontend.uncertainty.space import sobol_points
+
+__all__ = ["Screening", "screen"]
+
+
+@dataclass(frozen=True, repr=False)
+class Screening:
+    """Bounds of total Sobol indices from derivatives.
+
+    Attributes
+    ----------
+    bounds
+        Quantity -> germ -> upper bound of its total Sobol index: mean square of the derivative with respect
+        to its standard normal score, over the variance (I. Sobol, S. Kucherenko, Math. Comput. Simul. 79
+        (2009) 3009; the constant of a normal variable is 1). Of a linear quantity it is the index. It may
+        be above 1: then it says nothing.
+    errors
+        The same -> standard error of the bound.
+    kinks
+        Points at which a derivative was met that does not exist.
+    points, runs
+        Points of the mean, and points that were solved.
+    """
+
+    bounds: Mapping[str, Mapping[str, float]]
+    errors: Mapping[str, Mapping[str, float]]
+    kinks: int
+    points: int
+    runs: int
+
+    def unimportant(self, below: float = 0.01) -> tuple[str, ...]:
+        """Germs whose bound, with twice its error, is below a share of the variance, for every quantity."""
+        names = next(iter(self.bounds.values()))
+        return tuple(
+            name
+            for name in names
+            if all(b[name] + 2.0 * self.errors[q][name] < below for q, b in self.bounds.items())
+        )
+
+    def __repr__(self) -> str:
+        lines = [f"Screening: {self.points} points with derivatives, {self.runs} solves"]
+        for quantity, bounds in self.bounds.items():
+            lines.append(f"  {quantity}: total Sobol indices at most")
+            for name, value in sorted(bounds.items(), key=lambda each: -each[1])[:12]:
+                lines.append(f"    {name:<24} {value:.3g} +- {self.errors[quantity][name]:.2g}")
+            if len(bounds) > 12:
+                lines.append(f"    and {len(bounds) - 12} smaller ones")
+        lines.append(f"  {len(self.unimportant())} of {len(next(iter(self.bounds.values())))} below 0.01")
+        if self.kinks:
+            lines.append(f"  a kink was met at {self.kinks} points")
+        return "\n".join(lines)
+
+
+def screen(
+    problem: Problem, quantities: Any, *, points: int = 32, seed: int = 0, **settings: Any
+) -> Screening:
+    """Which of the random inputs of a problem cannot matter, from derivatives at a few points.
+
+    Parameters
+    ----------
+    quantities
+        As :meth:`Problem.function` takes them.
+    points
+        At which derivatives are taken, a power of two; each is a solve, and a gradient with respect to all.
+    seed
+        Of the points (scrambled Sobol sequence).
+    settings
+        active, direction, options, plan, times, checkpoint: as for :meth:`Problem.function`.
+
+    Raises
+    ------
+    SceneError
+        Nothing is random, a point does not converge, or a quantity that does not change.
+    """
+    where = "screen"
+    check_problem(where, problem)
+    check_handed_on(where, settings)
+    checked_whole(where, "points", points, 8)
+    if points & (points - 1):
+        raise SceneError(f"{where}: points = {points}: give a power of two, e.g. {2 ** points.bit_length()}")
+    function = problem_function(problem, quantities, None, coordinates="normal", **settings)
+    try:
+        generator = np.random.default_rng(checked_seed(where, seed))
+        unit = sobol_points(function.dimension, points, generator)
+        u = special.ndtri(np.clip(unit, 2.0**-54, 1.0 - 2.0**-54))
+        found = [function.derivatives(each) for each in u]
+        values = function(u)
+    finally:
+        function.close()
+    slopes: Array = np.array([each.values for each in found])  # (points, quantities, inputs)
+    variances = values.var(axis=0, ddof=1)
+    for number, name in enumerate(function.outputs):
+        if not variances[number] > (1e-9 * float(np.abs(values[:, number]).max())) ** 2:
+            raise SceneError(
+                f"{where}: {name} is the same at all points: it depends on nothing that is random"
+            )
+    bounds = np.mean(slopes**2, axis=0) / variances[:, None]
+    errors = np.std(slopes**2, axis=0, ddof=1) / np.sqrt(points) / variances[:, None]
+
+    def named(table: Array) -> dict[str, dict[str, float]]:
+        return {
+            name: {each: float(table[q, i]) for i, each in enumerate(function.inputs)}
+            for q, name in enumerate(function.outputs)
+        }
+
+    kinks = sum(bool(each.kinks.any()) for each in found)
+    return Screening(named(bounds), named(errors), kinks, points, function.solves)
