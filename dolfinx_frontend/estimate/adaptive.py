@@ -50,8 +50,10 @@ from dolfinx_frontend.estimate.points import (
     Witnesses,
     calibrated,
     checked_cold,
+    kinks_at_ends,
     lost_of_fields,
     misfit,
+    misfit_of_halves,
     moments_of_sets,
     panel_points,
     solved,
@@ -114,6 +116,14 @@ ENOUGH_FOR_ZERO = 1024
 KINKED = 4.0 / 3.0
 """Power of the misfit of a polynomial that the error of its rule is at most: with n points of a germ, a kink
 leaves a misfit of n^(-3/4) or less, and an error of n^-1 in the rule."""
+
+BROKEN_OFF = 1.0 / 6.0
+"""A polynomial of a piece of a germ is off by a sixteenth when the piece is halved, at a kink by a half: above this
+it is a kink."""
+
+AT_KINK = 0.15
+"""Error of the sum over a piece with a kink, relative to how far its polynomial is off: four points, measured for
+kinks everywhere in the piece."""
 
 MOST_RULE = 2048
 """Points of a tensor rule at most."""
@@ -673,17 +683,21 @@ def _by_panels(
     """Gauss rules on pieces of one germ, which are halved around kinks; None: they do not converge."""
     space = result.space
 
-    def integrated(ends: list[tuple[float, float]]) -> list[Array]:
+    def integrated(ends: list[tuple[float, float]]) -> list[tuple[Array, Array]]:
         z, weights = panel_points(ends)
         samples = solved(result, space.from_uniform(ndtr(z.reshape(-1, 1))), weights.ravel(), rtol, quantity)
         complete(samples)
         values = quantity.at_end(samples, samples).reshape(z.shape)
         powers = (np.ones_like(values), values, values**2)
-        return [np.array([float(w @ p[k]) for p in powers]) for k, w in enumerate(weights)]
+        sums = [np.array([float(w @ p[k]) for p in powers]) for k, w in enumerate(weights)]
+        return list(zip(sums, values, strict=True))
 
     ends = list(pairwise(FIRST_PANELS))
     unknown = np.full(3, np.inf)
-    leaves = [Panel(*end, sums, unknown) for end, sums in zip(ends, integrated(ends), strict=True)]
+    leaves = [
+        Panel(*end, sums, unknown, values, unknown)
+        for end, (sums, values) in zip(ends, integrated(ends), strict=True)
+    ]
     for _ in range(MOST_HALVINGS):
         total = np.sum([leaf.sums for leaf in leaves], axis=0)
         mean = float(total[1] / total[0])
@@ -699,7 +713,8 @@ def _by_panels(
             std = value.std or 0.0
             return float(of_mean), float(min(square / (2.0 * std), np.sqrt(square)) if std > 0.0 else square)
 
-        of_mean, of_std = relative(np.sum([leaf.error for leaf in leaves], axis=0))
+        wrong = [leaf.error + more for leaf, more in zip(leaves, kinks_at_ends(leaves), strict=True)]
+        of_mean, of_std = relative(np.sum(wrong, axis=0))
         if value.mean == 0.0 and not value.std and np.isfinite(of_mean):
             return None  # nothing happens at any point
         if max(share_of(of_mean, mean), share_of(of_std, whole)) <= 0.5 * target:
@@ -718,7 +733,7 @@ def _by_panels(
             seconds = 2.0 * sum(samples.seconds.values())
             return samples, replace(made, next_halving=f"half the pieces, about {seconds:.2g} s")
         each = 0.25 * target / len(leaves)
-        shares = [relative(leaf.error) for leaf in leaves]
+        shares = [relative(each) for each in wrong]
         split = [
             max(share_of(a, mean), share_of(b, whole)) > each or not np.isfinite(a) for a, b in shares
         ]
@@ -737,11 +752,17 @@ def _by_panels(
         for k, parent in enumerate(parents):
             pair = found[2 * k : 2 * k + 2]
             # what halving has changed is what was wrong before, and with a kink may be small by chance
-            error = 0.5 * np.abs(parent.sums - pair[0] - pair[1])
+            both = [sums for sums, _ in pair]
+            error = 0.5 * np.abs(parent.sums - both[0] - both[1])
+            off = misfit_of_halves(parent.values, np.concatenate([values for _, values in pair]))
+            at_kink = ~(off <= BROKEN_OFF * parent.misfit) | np.isinf(parent.misfit)
+            error = np.maximum(error, 0.5 * AT_KINK * parent.sums[0] * np.where(at_kink, off, 0.0))
             if np.all(np.isfinite(parent.error)):
                 error = np.maximum(error, FORGOTTEN**4 * parent.error)
             ends = halves[2 * k : 2 * k + 2]
-            leaves += [Panel(*end, sums, error) for end, sums in zip(ends, pair, strict=True)]
+            leaves += [
+                Panel(*end, sums, error, values, off) for end, (sums, values) in zip(ends, pair, strict=True)
+            ]
     return None
 
 
