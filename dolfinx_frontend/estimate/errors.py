@@ -396,7 +396,19 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         return None
-    return ErrorShare(found.energy, found.quantity, None, "recovered stresses")
+    if found.quantity is None:
+        return ErrorShare(found.energy + found.unseen, None, None, _how_of_meshes(found))
+    return ErrorShare(found.energy, found.quantity + found.unseen, None, _how_of_meshes(found))
+
+
+def _how_of_meshes(found: DiscretisationError) -> str:
+    """How it was estimated, and of what most of it is."""
+    size = found.energy if found.quantity is None else found.quantity
+    if sum(found.round.values()) > max(size, sum(found.means.values())):
+        return f"straight cells on round faces of {max(found.round, key=lambda n: found.round[n])}"
+    if sum(found.means.values()) > size:
+        return f"springs that hold means of {max(found.means, key=lambda n: found.means[n])}"
+    return "recovered stresses"
 
 
 def next_halving(result: Result, made: Errors) -> str:

@@ -36,6 +36,7 @@ from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough
 from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, complete, errors, not_known
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
+from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -93,8 +94,11 @@ COVERED = 0.99
 LOST = 1e-5
 """Share of a face that its new mesh does not cover any more, of which it is told."""
 
-FLAT = 1e-6
-"""Difference of normals below which a face is plane."""
+OF_DEVIATION = 1.5
+"""Times the bound of the error of the mean that the relative error of a deviation is taken for on one mesh."""
+
+MATTERS = 0.2
+"""Share of what the meshes may use from which on what is in no stress gets smaller cells."""
 
 CLOSED = 1e-6
 """Pressure relative to the largest above which a point of an interface counts as closed."""
@@ -193,7 +197,8 @@ class _Meshes:
         self.norms: list[float] = []
         self.estimates: list[float] = []
         self.edges: dict[str, Array] = {}
-        self.means: list[str] = []
+        self.unseen: dict[str, float] = {}
+        self.stays: dict[str, float] = {}
         self.began = perf_counter()
 
     def answer(self, method: Method, **settings: Any) -> Result | SampleResult:
@@ -249,7 +254,6 @@ class _Meshes:
             others = {name: each for name, each in problem.interfaces.items() if name not in soft}
             problem = assembled_again(self.scene, replace(problem, interfaces=others))
         self.quantity = interest(problem.interfaces, self.asked_for)
-        self.notes += _chords(self.scene, problem)
         self.random = bool(RandomLaws.of(problem).every)
         self.target = (OF_MESHES_RANDOM if self.random else OF_MESHES) * self.accuracy
         options = settings.pop("options") or (Options.plain() if method == "latin" else Options())
@@ -291,10 +295,13 @@ class _Meshes:
             return None
         for name, interface in problem.interfaces.items():
             lost = before.interfaces[name].covered - interface.covered
-            note = f"interface {name!r}: two meshes of its round faces do not cover each other; what is left "
-            note += "is free, which is in no error above"
-            if lost > LOST and not any(f"interface {name!r}: two" in each for each in self.notes):
-                self.notes.append(note)
+            if lost > LOST:
+                where = f"interface {name!r}"
+                self.stays[where] = self.stays.get(where, 0.0) + lost
+                self.notes.append(
+                    f"{where}: two meshes of its round faces do not cover each other; the {100 * lost:.2g} % that "
+                    "are left are free, and count as that much of an error"
+                )
         return scene, problem
 
     def _solve(
@@ -317,6 +324,9 @@ class _Meshes:
             sure = share_of(found.bound or 0.0, value or 0.0)
         else:
             estimate = sure = found.energy if self.quantity is None else np.nan
+        self._count_unseen(found, value)
+        of_unseen, stays = sum(self.unseen.values()), sum(self.stays.values())
+        estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         self.edges, unresolved = _contact_edges(result)
@@ -328,23 +338,22 @@ class _Meshes:
             said, how = seen, "the change from mesh to mesh"
         elif not self.steps and not SURE * sure <= self.target:
             how = "recovered stresses; no second mesh confirms it"
-        said *= MARGIN
+        self.rest = MARGIN * said
+        said = MARGIN * (said + stays)
+        if stays > 0.5 * said:
+            how = f"straight cells on round faces of {max(self.stays, key=lambda n: self.stays[n])}"
         absolute = None if value is None else said * abs(value)
         energy = said if self.quantity is None else MARGIN * found.energy
+        self.sure = sure
         self.share = ErrorShare(energy, absolute, None, how)
         self.places = _places(result.problem, found)
         kept = (sum(bool(cost["kept"]) for cost in result.solver.costs), len(result.solver.costs))
         seconds = perf_counter() - self.began
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
-        # nor are what means over an interface leave out, the true shape of a part, a deviation
-        shapes = any(getattr(spec.part, "again", None) for spec in self.scene.substructures.values())
-        self.means = [
-            name
-            for name, i in problem.interfaces.items()
-            if i.space != "points" and len(i.sides) == 2 and i.law.prescribes is None
-        ]
-        alone = SURE * sure <= self.target and not (self.edges or shapes or self.means or self.random)
+        # nor is the shape of a part whose cells turn by more than 45 degrees
+        enough = SURE * (OF_DEVIATION if self.random else 1.0)
+        alone = enough * sure <= self.target and not (self.edges or self._of_chords())
         self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
         self.cells = found.cells
         self.said = said
@@ -352,6 +361,26 @@ class _Meshes:
         _log.info("%s", line)
         if self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
+
+    def _count_unseen(self, found: DiscretisationError, value: float | None) -> None:
+        """Relative errors that recovered stresses do not show: of what finer meshes make smaller, and of the
+        chords of parts whose cells can only be cut, which stay."""
+        whole = 1.0 if self.quantity is None or value is None else value
+        if found.quantity is None and self.quantity is not None:
+            whole = 1.0  # guided by the energy
+        if not self.steps:
+            assert self.result is not None
+            for name, each in of_crossing_chords(self.result.problem).items():
+                if not getattr(self.scene.substructures[name].part, "again", None):
+                    self.stays[f"part {name!r}"] = each
+        self.unseen = {f"interface {name!r}": share_of(e, whole) for name, e in found.means.items()}
+        for name, error in found.round.items():
+            each, where = share_of(error, whole), f"part {name!r}"
+            if getattr(self.scene.substructures[name].part, "again", None):
+                self.unseen[where] = each
+            else:  # as on the first mesh: pieces of a chord do not turn
+                if not self.steps:
+                    self.stays[where] = self.stays.get(where, 0.0) + each
 
     def _measured(self, result: Result) -> DiscretisationError:
         if isinstance(self.quantity, Resultant):
@@ -387,7 +416,7 @@ class _Meshes:
 
     def _fastest(self) -> float:
         """The least factor by which an error is taken to fall: what is unseen need not do as an estimate."""
-        return AT_EDGES if self.edges or self.means or self._of_chords() else FASTEST
+        return AT_EDGES if self.edges else FASTEST
 
     def _of_chords(self) -> list[str]:
         """Parts of straight cells that may have another shape."""
@@ -402,13 +431,23 @@ class _Meshes:
         if not self.result.converged:
             self.notes.append(f"the meshes were not carried on: the iteration ended as {self.result.status}")
             return True
+        if MARGIN * sum(self.stays.values()) > self.target and self.rest <= self.said - self.rest:
+            worst = max(self.stays, key=lambda n: self.stays[n])
+            self.notes.append(
+                f"{worst}: its straight cells stay on the chords of a round face, which leave "
+                f"{self.stays[worst]:.2g}, more than asked; give a part that can be meshed again "
+                "(geometry.remeshable), or curved cells"
+            )
+            return True
         return self.said <= self.target and self.confirmed
 
     def _deviation_fits(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
         """Whether the deviation, of a chaos of order 1, changed as little from the last mesh to this one."""
         assert self.result is not None and self.share is not None
-        if not isinstance(self.quantity, Resultant) or self.before is None or not self.result.converged:
+        if not isinstance(self.quantity, Resultant) or not self.result.converged:
             return True
+        if self.before is None:
+            return self._deviation_alone(method, options, settings)
         try:
             old = self.chaos or self._first_chaos(self.before, method, options, settings)
             self.chaos = self._first_chaos(self.result.problem, method, options, settings)
@@ -422,6 +461,22 @@ class _Meshes:
         self.share = replace(self.share, std=left)
         # of a deviation that is nothing beside the mean: relative to that
         self.said = max(self.said, share_of(left, max(found[1], 1e-9 * abs(self.steps[-1].value or 0.0))))
+        self.steps[-1] = self.steps[-1]._replace(error=self.said)
+        return self.said <= self.target
+
+    def _deviation_alone(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
+        """Whether one mesh alone is good enough for a deviation, too: of that no estimate is made, and it is taken
+        for no worse than a bound of the error of the mean."""
+        assert self.result is not None and self.share is not None and isinstance(self.quantity, Resultant)
+        try:
+            self.chaos = self._first_chaos(self.result.problem, method, options, settings)
+        except SceneError as error:
+            self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
+            return True
+        std = self.chaos.mean_std(self.quantity).std or 0.0
+        of_std = max(self.said, OF_DEVIATION * self.sure)
+        self.share = replace(self.share, std=of_std * std)
+        self.said = max(self.said, of_std)
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target
 
@@ -454,8 +509,10 @@ class _Meshes:
         fall = float(np.clip(AIM * self.target / said, FALL, 0.5))
         if self.quantity is None:
             fall *= fall  # squares of the energy norm
-        unseen = self._of_chords() if len(self.steps) == 1 else []
-        means = self.means if len(self.steps) == 1 else []
+        large = [name for name, each in self.unseen.items() if each > MATTERS * self.target]
+        unseen = {n for n in self.scene.substructures if f"part {n!r}" in large}
+        unseen |= set(self._of_chords() if len(self.steps) == 1 else [])
+        means = [n for n in self.scene.interfaces if f"interface {n!r}" in large]
         found = finer(self.scene, problem, self.cells, fall, self.edges, unseen, means)
         for name, why in found.stuck.items():
             note = f"part {name!r} keeps its mesh: {why}"
@@ -503,29 +560,14 @@ def _soft_springs(scene: Scene, problem: Problem) -> list[str]:
         first, second = (len(_facets(problem, side.substructure, side.face)) for side in interface.sides)
         size = (interface.area / first) ** (1.0 / (interface.dim - 1))
         other = (interface.sides[1].area / second) ** (1.0 / (interface.dim - 1))
+        if np.any(interface.chords):
+            continue  # points on one polygon are not on the other
         if size > COARSER * other:
             continue  # between the points nothing would hold the second side
         modulus = min(problem.parts[side.substructure].modulus for side in interface.sides)
         if float(law.stiffnesses(interface).max(initial=0.0)) * size < modulus:
             found.append(name)
     return found
-
-
-def _chords(scene: Scene, problem: Problem) -> list[str]:
-    """Faces of interfaces that straight cells round off for ever, in words."""
-    parts = {
-        side.substructure
-        for interface in problem.interfaces.values()
-        if np.any(interface.chords)
-        for side in interface.sides
-        if getattr(scene.substructures[side.substructure].part, "again", None) is None
-        and side.flatness > FLAT
-    }
-    return [
-        f"part {name!r}: its straight cells stay on the chords of a round face, which is in no error above; "
-        "give a part that can be meshed again (geometry.remeshable), or curved cells"
-        for name in sorted(parts)
-    ]
 
 
 def _facets(problem: Problem, part: str, face: str) -> Ints:
