@@ -158,7 +158,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "galerkin",
         "export",
     ),
-    "estimate": ("recovery", "unseen", "mesh_error", "errors", "points", "adaptive", "finer", "meshes"),
+    "estimate": ("recovery", "unseen", "mesh_error", "errors", "points", "adaptive", "levels", "finer", "meshes"),
     "inference": (
         "inputs",
         "points",

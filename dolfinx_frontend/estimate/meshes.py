@@ -35,6 +35,7 @@ from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough
 from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, complete, errors, not_known
 from dolfinx_frontend.estimate.finer import finer
+from dolfinx_frontend.estimate.levels import of_two_meshes
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.geometry.finer import cell_sizes
@@ -55,8 +56,9 @@ __all__ = ["solve_scene"]
 
 _log = logging.getLogger(__name__)
 
-OF_MESHES, OF_MESHES_RANDOM = 0.8, 0.6
-"""Shares of an accuracy that the meshes may use: of one answer, and of one with chaos or samples."""
+OF_MESHES, OF_MESHES_RANDOM = 0.85, 0.6
+"""Shares of an accuracy that the meshes may use, which cost most; and where points answer what is random: with a
+kink the next digit costs them more than a finer mesh."""
 
 OF_ITERATION = 0.02
 """Tolerance of the runs on the way, relative to the accuracy: changes must be those of the meshes."""
@@ -64,7 +66,7 @@ OF_ITERATION = 0.02
 FALL = 0.1
 """Factor by which the error is to fall in one step at most."""
 
-AIM = 0.6
+AIM = 0.4
 """What a step aims at, relative to what the meshes may leave: one more step costs more than a finer one."""
 
 SLOWEST, FASTEST = 0.65, 0.2
@@ -193,6 +195,8 @@ class _Meshes:
         self.notes: list[str] = []
         self.random = False
         self.before: Problem | None = None
+        self.first: Problem | None = None
+        self.of_first: ChaosResult | None = None
         self.chaos: ChaosResult | None = None
         self.norms: list[float] = []
         self.estimates: list[float] = []
@@ -208,7 +212,7 @@ class _Meshes:
             assert self.result is not None
             problem = self.result.problem
             if RandomLaws.of(problem).every:
-                found = solve_to_accuracy(
+                found = self._on_two_meshes(method, settings) or solve_to_accuracy(
                     problem,
                     self.accuracy,
                     self.quantity,
@@ -233,6 +237,16 @@ class _Meshes:
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
         return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
 
+    def _on_two_meshes(self, method: Method, settings: Mapping[str, Any]) -> ChaosResult | None:
+        """The chaos that the first mesh finds, on the last one."""
+        known, last, first = self._of_random(), self.chaos, self.of_first
+        if known is None or last is None or first is None or not isinstance(self.quantity, Resultant):
+            return None
+        assert self.result is not None
+        if last.problem is not self.result.problem:
+            return None
+        return of_two_meshes(first, last, self.accuracy, self.quantity, known, method, settings)
+
     def _of_random(self) -> ErrorShare | None:
         """The error of the meshes, for an answer with a deviation."""
         share = self.share
@@ -255,7 +269,9 @@ class _Meshes:
             problem = assembled_again(self.scene, replace(problem, interfaces=others))
         self.quantity = interest(problem.interfaces, self.asked_for)
         self.random = bool(RandomLaws.of(problem).every)
-        self.target = (OF_MESHES_RANDOM if self.random else OF_MESHES) * self.accuracy
+        self.first = problem
+        curved = any(not each.law.linear for each in problem.interfaces.values())
+        self.target = (OF_MESHES_RANDOM if self.random and curved else OF_MESHES) * self.accuracy
         options = settings.pop("options") or (Options.plain() if method == "latin" else Options())
         options = options.with_(rtol=max(OF_ITERATION * self.accuracy, FINEST))
         changed: dict[str, str] = {}
@@ -442,27 +458,41 @@ class _Meshes:
         return self.said <= self.target and self.confirmed
 
     def _deviation_fits(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
-        """Whether the deviation, of a chaos of order 1, changed as little from the last mesh to this one."""
+        """Whether the deviation, of a chaos of order 1, changed as little from an earlier mesh to this one."""
         assert self.result is not None and self.share is not None
         if not isinstance(self.quantity, Resultant) or not self.result.converged:
             return True
         if self.before is None:
             return self._deviation_alone(method, options, settings)
         try:
-            old = self.chaos or self._first_chaos(self.before, method, options, settings)
-            self.chaos = self._first_chaos(self.result.problem, method, options, settings)
+            if self.of_first is None:
+                assert self.first is not None
+                self.of_first = self._first_chaos(self.first, method, options, settings)
+            old, self.chaos = self.chaos, self._first_chaos(self.result.problem, method, options, settings)
+            # the first mesh is the cheapest one, and tells enough if little has changed since
+            left = self._left_of_std(self.of_first, 0)
+            if left > self.target * (self.chaos.mean_std(self.quantity).std or 0.0):
+                if old is None or old.problem is not self.before:
+                    old = self._first_chaos(self.before, method, options, settings)
+                left = min(left, self._left_of_std(old, len(self.steps) - 2))
         except SceneError as error:
             self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
             return True
-        found = [each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos)]
-        fall = float(np.clip(self.estimates[-1] / max(self.estimates[-2], 1e-300), self._fastest(), SLOWEST))
-        left = MARGIN * abs(found[1] - found[0]) * fall / (1.0 - fall)
-        left = max(left, self.said * found[1])
+        std = self.chaos.mean_std(self.quantity).std or 0.0
+        left = max(left, self.said * std)
         self.share = replace(self.share, std=left)
         # of a deviation that is nothing beside the mean: relative to that
-        self.said = max(self.said, share_of(left, max(found[1], 1e-9 * abs(self.steps[-1].value or 0.0))))
+        self.said = max(self.said, share_of(left, max(std, 1e-9 * abs(self.steps[-1].value or 0.0))))
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target
+
+    def _left_of_std(self, old: ChaosResult, mesh: int) -> float:
+        """What the change of the deviation since an earlier mesh, by its number, says of the error that is left."""
+        assert self.chaos is not None and isinstance(self.quantity, Resultant)
+        before, after = (each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos))
+        least = self._fastest() ** (len(self.steps) - 1 - mesh)
+        fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, SLOWEST))
+        return MARGIN * abs(after - before) * fall / (1.0 - fall)
 
     def _deviation_alone(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
         """Whether one mesh alone is good enough for a deviation, too: of that no estimate is made, and it is taken
