@@ -26,6 +26,8 @@ from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
     INTERRUPTED,
+    beside_what_acts,
+    compared_with,
     lost_variance,
     UNKNOWN,
     by_solves,
@@ -39,6 +41,7 @@ from dolfinx_frontend.estimate.errors import (
     of_direct,
     not_known,
     over_ranks,
+    size_of,
     sizes_of,
     whole_of,
 )
@@ -68,7 +71,7 @@ from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Quantile, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Compared, Interest, Quantile, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
@@ -118,12 +121,12 @@ KINKED = 4.0 / 3.0
 leaves a misfit of n^(-3/4) or less, and an error of n^-1 in the rule."""
 
 BROKEN_OFF = 1.0 / 6.0
-"""A polynomial of a piece of a germ is off by a sixteenth when the piece is halved, at a kink by a half: above this
-it is a kink."""
+"""A polynomial of a piece of a germ is off by a sixteenth when the piece is halved, at a kink by a half:
+above this it is a kink."""
 
 AT_KINK = 0.15
-"""Error of the sum over a piece with a kink, relative to how far its polynomial is off: four points, measured for
-kinks everywhere in the piece."""
+"""Error of the sum over a piece with a kink, relative to how far its polynomial is off: four points, measured
+for kinks everywhere in the piece."""
 
 MOST_RULE = 2048
 """Points of a tensor rule at most."""
@@ -159,6 +162,7 @@ def solve_to_accuracy(
     meshes: bool = True,
     known: ErrorShare | None = None,
     first: ChaosResult | None = None,
+    compared: Compared | None = None,
 ) -> Result | SampleResult:
     """Solve until the error of a quantity is at most `accuracy`.
 
@@ -175,6 +179,8 @@ def solve_to_accuracy(
         The error of the meshes, where it was measured before.
     first
         A chaos of order 1 of the problem, where there is one.
+    compared
+        What errors are relative to; None: as the quantity says.
 
     Returns
     -------
@@ -186,7 +192,7 @@ def solve_to_accuracy(
         raise SceneError(f"accuracy = {short(accuracy)}: it must lie in 1e-10..0.5")
     check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
     checked_flag("solve", "meshes", meshes)
-    what = interest(problem.interfaces, quantity)
+    what = compared_with(interest(problem.interfaces, quantity), compared)
     of_one = what.interface if isinstance(what, Resultant) else None
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
@@ -206,7 +212,9 @@ def solve_to_accuracy(
         )
         return _Search(first, accuracy, what, known).answer(meshes)
     plan = make_plan(problem, method, active, (), direction, options, times=times)
-    return tight_enough(solve_once(problem, plan, estimator=errors), accuracy, what, meshes, known)
+    result = solve_once(problem, plan, estimator=errors)
+    what, notes = beside_what_acts(result, what)
+    return tight_enough(result, accuracy, what, meshes, known, notes)
 
 
 def tight_enough(
@@ -215,10 +223,10 @@ def tight_enough(
     quantity: Wanted | None,
     meshes: bool = True,
     known: ErrorShare | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Result:
     """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`."""
     of_meshes = known
-    notes: tuple[str, ...] = ()
     made = not_known(result, quantity)
     try:
         complete(result)
@@ -234,7 +242,7 @@ def tight_enough(
             complete(result)
             made = _settled(result, quantity)
     except Interrupted:
-        notes = (INTERRUPTED,)
+        notes += (INTERRUPTED,)
     return _with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
 
 
@@ -246,7 +254,7 @@ def _visible(
         return accuracy
     relative = of_meshes.energy
     if quantity is not None and of_meshes.quantity is not None:
-        relative = share_of(of_meshes.quantity, result.mean_std(quantity).mean)
+        relative = share_of(of_meshes.quantity, size_of(result.mean_std(quantity), quantity))
     if not isfinite(relative):
         return accuracy
     return min(max(0.1 * relative, accuracy - relative), 0.5)
@@ -346,6 +354,12 @@ class _Search:
         curved = bool(result.collocations)
         if quantity is not None:
             self._resolve(quantity)
+            self.quantity, notes = beside_what_acts(self.result, quantity)
+            self.notes += notes
+            quantity = self.quantity
+            assert quantity is not None
+            if notes:
+                self.target = _visible(self.accuracy, self.of_meshes, quantity, self.result)
             self.of_fields = self._lost(quantity)
             if not curved:
                 self._look(quantity)
@@ -397,7 +411,8 @@ class _Search:
         spread = 1.0
         if self.quantity is not None:
             value = self.result.mean_std(self.quantity)
-            spread = min(share_of(value.std or 0.0, value.mean), 1.0) or 1e-6
+            whole = max(value.std or 0.0, self.quantity.compared.least)
+            spread = min(share_of(whole, value.mean), 1.0) or 1e-6
         return float(np.clip(TIGHT * self.target * spread, FINEST, 1e-6))
 
     def _look(self, quantity: Wanted) -> None:
@@ -439,7 +454,7 @@ class _Search:
             except SceneError as error:
                 self.notes += (f"the chaos cannot grow: {str(error).splitlines()[0]}",)
                 return made
-            change = change_of(before, self.result.mean_std(quantity), _reached(self.result))
+            change = change_of(before, self.result.mean_std(quantity), _reached(self.result), quantity)
             left = change  # what is left is less, if it falls to a half at least
         raise AssertionError
 
@@ -507,7 +522,7 @@ class _Search:
         before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))
         if quantity is not None and before is not None and loose > 0.0:
-            change = change_of(before, self.result.mean_std(quantity), rtol)
+            change = change_of(before, self.result.mean_std(quantity), rtol, quantity)
             self.gain = max(change / loose, _mean_over_spread(self.result))
 
     def _grow(self, curved: bool) -> tuple[float, bool]:
@@ -529,7 +544,7 @@ class _Search:
             if quantity is None or before is None:
                 change = distance(self.result, old)
             else:
-                change = change_of(before, self.result.mean_std(quantity), self.rtol)
+                change = change_of(before, self.result.mean_std(quantity), self.rtol, quantity)
             if isfinite(change_before) and change_before > 0.0:
                 fall = min(change / change_before, SLOWEST)
                 stalled = curved and change > STALLED * change_before and change > target
@@ -598,13 +613,14 @@ def _errors_of_chaos(
     if quantity is None:
         return Errors(algebraic, ErrorShare(left, how=how), None, None, None)
     value = result.mean_std(quantity)
-    whole = whole_of(value, _reached(result))
+    whole = whole_of(value, _reached(result), quantity)
     assert whole is not None  # of a chaos
     size = gain * result.error
+    of_std = size * (whole_of(value, _reached(result)) or 0.0)
     algebraic = ErrorShare(
-        result.error, size * abs(value.mean), size * whole, f"its estimate times {gain:.2g}, as at order 1"
+        result.error, size * abs(value.mean), of_std, f"its estimate times {gain:.2g}, as at order 1"
     )
-    truncation = ErrorShare(np.nan, left * abs(value.mean), left * whole, how)
+    truncation = ErrorShare(np.nan, left * size_of(value, quantity), left * whole, how)
     return Errors(algebraic, truncation, None, quantity, value, whole)
 
 
@@ -639,8 +655,9 @@ def _by_rules(
         value = samples.mean_std(quantity)
         if before is not None:
             values = quantity.at_end(samples, samples)
-            whole = whole_of(value, rtol) or abs(value.mean)
-            changes.append(change_of(before, value, rtol))
+            size = size_of(value, quantity)
+            whole = whole_of(value, rtol, quantity) or size
+            changes.append(change_of(before, value, rtol, quantity))
             # earlier changes count with less weight, and the fall is the mean over all of them
             change = max(c * FORGOTTEN**k for k, c in enumerate(reversed(changes)))
             fall = SUREST
@@ -654,14 +671,14 @@ def _by_rules(
             kinked = share_of(off.size, spread) ** KINKED * spread
             if not spread > 0.0 and not value.mean:
                 return None  # nothing happens at any point of the rule
-            of_mean = max(left * abs(value.mean), kinked)
+            of_mean = max(left * size, kinked)
             of_std = max(left * whole, kinked)
-            relative = max(share_of(of_mean, value.mean), share_of(of_std, whole))
+            relative = max(share_of(of_mean, size), share_of(of_std, whole))
             if relative <= 0.5 * target:
                 outside = f"{len(seen.points)} points outside it"
                 how = f"the change by the last of {points} points per germ, {outside}"
                 away = checked_cold(result, samples, quantity, values)
-                if not away <= 0.3 * target * min(abs(value.mean), whole):
+                if not away <= 0.3 * target * min(size_of(value, quantity), whole):
                     return None
                 truncation = ErrorShare(np.nan, of_mean, of_std, how)
                 made = _of_solved_again(samples, away, truncation, quantity, value, whole)
@@ -702,7 +719,8 @@ def _by_panels(
         total = np.sum([leaf.sums for leaf in leaves], axis=0)
         mean = float(total[1] / total[0])
         value = MeanStd(mean, float(np.sqrt(max(total[2] / total[0] - mean**2, 0.0))))
-        whole = whole_of(value, min(rtol, 1e-10)) or abs(mean)
+        size = size_of(value, quantity)
+        whole = whole_of(value, min(rtol, 1e-10), quantity) or size
 
         def relative(wrong: Array, value: MeanStd = value, whole: float = whole) -> tuple[float, float]:
             """Errors of mean and deviation, of those of the moments."""
@@ -717,7 +735,7 @@ def _by_panels(
         of_mean, of_std = relative(np.sum(wrong, axis=0))
         if value.mean == 0.0 and not value.std and np.isfinite(of_mean):
             return None  # nothing happens at any point
-        if max(share_of(of_mean, mean), share_of(of_std, whole)) <= 0.5 * target:
+        if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
             z, weights = panel_points([(leaf.lower, leaf.upper) for leaf in leaves])
             points = space.from_uniform(ndtr(z.reshape(-1, 1)))
             samples = solved(result, points, weights.ravel(), rtol, quantity)
@@ -725,7 +743,7 @@ def _by_panels(
             values = quantity.at_end(samples, samples)
             value = samples.mean_std(quantity)
             away = checked_cold(result, samples, quantity, values)
-            if not away <= 0.3 * target * min(abs(value.mean), whole):
+            if not away <= 0.3 * target * min(size_of(value, quantity), whole):
                 return None
             how = f"the change by the last halving of {len(leaves)} pieces of the germ"
             truncation = ErrorShare(np.nan, of_mean, of_std, how)
@@ -735,7 +753,7 @@ def _by_panels(
         each = 0.25 * target / len(leaves)
         shares = [relative(each) for each in wrong]
         split = [
-            max(share_of(a, mean), share_of(b, whole)) > each or not np.isfinite(a) for a, b in shares
+            max(share_of(a, size), share_of(b, whole)) > each or not np.isfinite(a) for a, b in shares
         ]
         if sum(split) * 2 * POINTS > MOST_RULE:
             return None
@@ -781,13 +799,14 @@ def _by_samples(
         complete(samples)
         values = quantity.at_end(samples, samples)
         value, of_mean, of_std = moments_of_sets(quantity, values, weights, SETS)
-        whole = whole_of(value, min(rtol, 1e-10)) or abs(value.mean)
+        size = size_of(value, quantity)
+        whole = whole_of(value, min(rtol, 1e-10), quantity) or size
         nothing = value.mean == 0.0 and not value.std
-        relative = np.inf if nothing else max(share_of(of_mean, value.mean), share_of(of_std, whole))
+        relative = np.inf if nothing else max(share_of(of_mean, size), share_of(of_std, whole))
         total = each * SETS
         if relative <= 0.6 * target:
             away = checked_cold(result, samples, quantity, values)
-            off = max(share_of(away, value.mean), share_of(away, whole))
+            off = max(share_of(away, size), share_of(away, whole))
             if off <= 0.3 * target or rtol <= 1e-10:
                 break
             rtol = max(0.03 * rtol, FINEST)
@@ -795,7 +814,7 @@ def _by_samples(
         # errors of scrambled points fall like 1 / N at best, more slowly where there are kinks
         factor = 2 ** max(1, min(2, round(log2(relative / (0.5 * target))))) if isfinite(relative) else 4
         known = value.std is not None and share_of(of_std, whole) <= 0.6 * target
-        lost = known and abs(value.mean) <= of_mean
+        lost = known and size <= of_mean
         if total >= MOST_SAMPLES or (lost and total >= ENOUGH_FOR_ZERO):
             away = checked_cold(result, samples, quantity, values)
             notes = (f"{total} samples: more are left to you, see quasi_monte_carlo",)

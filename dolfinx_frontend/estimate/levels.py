@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
-from dolfinx_frontend.estimate.errors import complete, next_halving
+from dolfinx_frontend.estimate.errors import complete, next_halving, size_of, whole_of
 from dolfinx_frontend.plan.plan import Method
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
@@ -52,7 +52,9 @@ def of_two_meshes(
     if coarse.space.germ_names != fine.space.germ_names:
         return None
     value = fine.mean_std(quantity)
-    of_meshes = max(share_of(known.quantity or 0.0, value.mean), share_of(known.std or 0.0, value.std or 0.0))
+    whole = max(value.std or 0.0, quantity.compared.least)
+    of_mean = share_of(known.quantity or 0.0, size_of(value, quantity))
+    of_meshes = max(of_mean, share_of(known.std or 0.0, whole))
     left = min(max(0.1 * of_meshes, accuracy - of_meshes), 0.5)
     found = solve_to_accuracy(
         coarse.problem, max(LESS * left, 1e-10), quantity, method, meshes=False, first=coarse, **settings
@@ -74,7 +76,7 @@ def of_two_meshes(
         known,
         quantity,
         after,
-        after.std if of_coarse.whole == of_coarse.moments.std else abs(after.mean),
+        whole_of(after, max(result.error, 1e-13), quantity),
         asked=accuracy,
         notes=of_coarse.notes,
     )
@@ -85,6 +87,8 @@ def _carried(share: ErrorShare | None, before: Errors, after: MeanStd, factor: f
     """An error of the coarse mesh relative to the answer on the fine one."""
     if share is None or before.moments is None:
         return None
-    mean = factor * share_of(share.quantity or 0.0, before.moments.mean) * abs(after.mean)
-    std = factor * share_of(share.std or 0.0, before.whole or 1.0) * (after.std or 0.0)
+    assert before.quantity is not None
+    size, whole = size_of(before.moments, before.quantity), before.whole or 1.0
+    mean = factor * share_of(share.quantity or 0.0, size) * size_of(after, before.quantity)
+    std = factor * share_of(share.std or 0.0, whole) * max(after.std or 0.0, before.quantity.compared.least)
     return ErrorShare(factor * share.energy, mean, std, f"{share.how}, on the first mesh")

@@ -33,7 +33,15 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough
-from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, complete, errors, not_known
+from dolfinx_frontend.estimate.errors import (
+    FINEST,
+    INTERRUPTED,
+    beside_what_acts,
+    compared_with,
+    complete,
+    errors,
+    not_known,
+)
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.levels import of_two_meshes
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
@@ -44,7 +52,7 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.scene import Scene
@@ -57,8 +65,8 @@ __all__ = ["solve_scene"]
 _log = logging.getLogger(__name__)
 
 OF_MESHES, OF_MESHES_RANDOM = 0.85, 0.6
-"""Shares of an accuracy that the meshes may use, which cost most; and where points answer what is random: with a
-kink the next digit costs them more than a finer mesh."""
+"""Shares of an accuracy that the meshes may use, which cost most; and where points answer what is random:
+with a kink the next digit costs them more than a finer mesh."""
 
 OF_ITERATION = 0.02
 """Tolerance of the runs on the way, relative to the accuracy: changes must be those of the meshes."""
@@ -97,13 +105,16 @@ LOST = 1e-5
 """Share of a face that its new mesh does not cover any more, of which it is told."""
 
 OF_DEVIATION = 1.5
-"""Times the bound of the error of the mean that the relative error of a deviation is taken for on one mesh."""
+"""Times the bound of the error of the mean that the one of a deviation is taken for on one mesh."""
 
 MATTERS = 0.2
 """Share of what the meshes may use from which on what is in no stress gets smaller cells."""
 
 CLOSED = 1e-6
 """Pressure relative to the largest above which a point of an interface counts as closed."""
+
+LOST_STEPS, LOST_IN = 4, 0.01
+"""Meshes after which a value is given up that is below this share of its largest, and below its error."""
 
 STEPS = 12
 
@@ -123,6 +134,7 @@ def solve_scene(
     max_unknowns: int | None = None,
     max_seconds: float | None = None,
     progress: bool = True,
+    compared: Compared | None = None,
 ) -> Result | SampleResult:
     """Solve a scene until the error of a quantity is at most `accuracy`, that of its meshes included.
 
@@ -138,6 +150,8 @@ def solve_scene(
         No new mesh that would take longer in all, as far as the last ones tell; None: no limit.
     progress
         A line for each mesh, if on a terminal.
+    compared
+        What errors are relative to; None: as the quantity says.
 
     Returns
     -------
@@ -158,6 +172,7 @@ def solve_scene(
             "solve(assemble(scene), accuracy=..., meshes=False) reduces the other errors"
         )
     search = _Meshes(scene, accuracy, quantity, max_unknowns or MOST_UNKNOWNS, max_seconds, progress)
+    search.compared = compared
     return search.answer(method, times=times, active=active, direction=direction, options=options)
 
 
@@ -187,6 +202,8 @@ class _Meshes:
         self.accuracy, self.asked_for = accuracy, quantity
         self.max_unknowns, self.max_seconds, self.shown = max_unknowns, max_seconds, progress
         self.quantity: Wanted | None = None
+        self.compared: Compared | None = None
+        self.spread: float | None = None
         self.result: Result | None = None
         self.share: ErrorShare | None = None
         self.target = accuracy
@@ -199,6 +216,7 @@ class _Meshes:
         self.of_first: ChaosResult | None = None
         self.chaos: ChaosResult | None = None
         self.norms: list[float] = []
+        self.largest = 0.0
         self.estimates: list[float] = []
         self.edges: dict[str, Array] = {}
         self.unseen: dict[str, float] = {}
@@ -267,7 +285,7 @@ class _Meshes:
         if any(problem.interfaces[name].space != "points" for name in soft):
             others = {name: each for name, each in problem.interfaces.items() if name not in soft}
             problem = assembled_again(self.scene, replace(problem, interfaces=others))
-        self.quantity = interest(problem.interfaces, self.asked_for)
+        self.quantity = compared_with(interest(problem.interfaces, self.asked_for), self.compared)
         self.random = bool(RandomLaws.of(problem).every)
         self.first = problem
         curved = any(not each.law.linear for each in problem.interfaces.values())
@@ -315,8 +333,8 @@ class _Meshes:
                 where = f"interface {name!r}"
                 self.stays[where] = self.stays.get(where, 0.0) + lost
                 self.notes.append(
-                    f"{where}: two meshes of its round faces do not cover each other; the {100 * lost:.2g} % that "
-                    "are left are free, and count as that much of an error"
+                    f"{where}: two meshes of its round faces do not cover each other; the {100 * lost:.2g} % "
+                    "that are left are free, and count as that much of an error"
                 )
         return scene, problem
 
@@ -330,14 +348,23 @@ class _Meshes:
             problem, plan, estimator=errors, before=before, progress=self.shown
         )
         complete(result)
+        if not self.steps:
+            self.quantity, notes = beside_what_acts(result, self.quantity)
+            self.notes += notes
         found = self._measured(result)
         self.result = result
+        beside = isinstance(self.quantity, Resultant) and self.quantity.compared.deviation
+        if self.random and beside and not self.steps:
+            self.of_first = self._first_chaos(problem, method, options, settings)
+            self.spread = self.of_first.mean_std(self.quantity).std
         value = None if self.quantity is None else result.mean_std(self.quantity).mean
         self.norms.append(found.norm)
+        self.largest = max(self.largest, abs(value or 0.0))
         of_quantity = isinstance(self.quantity, Resultant) and found.quantity is not None
         if of_quantity:
-            estimate = share_of(found.quantity or 0.0, value or 0.0)
-            sure = share_of(found.bound or 0.0, value or 0.0)
+            size = self._size(value)
+            estimate = share_of(found.quantity or 0.0, size)
+            sure = share_of(found.bound or 0.0, size)
         else:
             estimate = sure = found.energy if self.quantity is None else np.nan
         self._count_unseen(found, value)
@@ -358,7 +385,7 @@ class _Meshes:
         said = MARGIN * (said + stays)
         if stays > 0.5 * said:
             how = f"straight cells on round faces of {max(self.stays, key=lambda n: self.stays[n])}"
-        absolute = None if value is None else said * abs(value)
+        absolute = None if value is None else said * self._size(value)
         energy = said if self.quantity is None else MARGIN * found.energy
         self.sure = sure
         self.share = ErrorShare(energy, absolute, None, how)
@@ -381,7 +408,7 @@ class _Meshes:
     def _count_unseen(self, found: DiscretisationError, value: float | None) -> None:
         """Relative errors that recovered stresses do not show: of what finer meshes make smaller, and of the
         chords of parts whose cells can only be cut, which stay."""
-        whole = 1.0 if self.quantity is None or value is None else value
+        whole = 1.0 if self.quantity is None or value is None else self._size(value)
         if found.quantity is None and self.quantity is not None:
             whole = 1.0  # guided by the energy
         if not self.steps:
@@ -408,6 +435,19 @@ class _Meshes:
                     self.notes.append(note)
         return discretisation_error(result)
 
+    def _size(self, value: float | None) -> float:
+        """What an error is relative to: of a deviation, which the first chaos tells, too."""
+        assert self.quantity is not None
+        std = None
+        if self.quantity.compared.deviation and self.spread is not None:
+            std = self.spread
+        return self.quantity.compared.size(value or 0.0, std)
+
+    def _least(self, share: float) -> float:
+        """A deviation that is nothing beside the mean, or beside what it is compared with."""
+        assert self.quantity is not None
+        return max(share * abs(self.steps[-1].value or 0.0), self.quantity.compared.least)
+
     def _change(self, value: float | None) -> float:
         """What the changes from mesh to mesh say of the error that is left; NaN: there is one mesh only.
 
@@ -420,7 +460,7 @@ class _Meshes:
             changes = np.sqrt(np.abs(np.diff(squares)) / max(squares[-1], 1e-300))
         else:
             values = np.array([*(step.value for step in self.steps), value], dtype=np.float64)
-            changes = np.array([share_of(each, value) for each in np.diff(values)])
+            changes = np.array([share_of(each, self._size(value)) for each in np.diff(values)])
         falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
         falls = np.clip(falls, self._fastest(), SLOWEST)
         left, since = 0.0, 1.0
@@ -455,10 +495,25 @@ class _Meshes:
                 "(geometry.remeshable), or curved cells"
             )
             return True
+        if self._cannot_be_told():
+            return True
         return self.said <= self.target and self.confirmed
 
+    def _cannot_be_told(self) -> bool:
+        """Whether the value is lost in its own error on mesh after mesh: it may be 0."""
+        if self.quantity is None or len(self.steps) < LOST_STEPS:
+            return False
+        values = [abs(step.value or 0.0) for step in self.steps[-LOST_STEPS:]]
+        if min(values) > LOST_IN * max(self.largest, *values) or not self.said > 1.0:
+            return False
+        self.notes.append(
+            f"the value {self.steps[-1].value:.2g} cannot be told from 0 (+- {self.said * values[-1]:.1g}): "
+            "no error is small relative to it; say what matters with absolute=, in its unit"
+        )
+        return True
+
     def _deviation_fits(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
-        """Whether the deviation, of a chaos of order 1, changed as little from an earlier mesh to this one."""
+        """Whether the deviation, of a chaos of order 1, has changed as little since an earlier mesh."""
         assert self.result is not None and self.share is not None
         if not isinstance(self.quantity, Resultant) or not self.result.converged:
             return True
@@ -482,12 +537,12 @@ class _Meshes:
         left = max(left, self.said * std)
         self.share = replace(self.share, std=left)
         # of a deviation that is nothing beside the mean: relative to that
-        self.said = max(self.said, share_of(left, max(std, 1e-9 * abs(self.steps[-1].value or 0.0))))
+        self.said = max(self.said, share_of(left, max(std, self._least(1e-9))))
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target
 
     def _left_of_std(self, old: ChaosResult, mesh: int) -> float:
-        """What the change of the deviation since an earlier mesh, by its number, says of the error that is left."""
+        """What the change of the deviation since an earlier mesh, by its number, says of what is left."""
         assert self.chaos is not None and isinstance(self.quantity, Resultant)
         before, after = (each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos))
         least = self._fastest() ** (len(self.steps) - 1 - mesh)
@@ -495,8 +550,8 @@ class _Meshes:
         return MARGIN * abs(after - before) * fall / (1.0 - fall)
 
     def _deviation_alone(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
-        """Whether one mesh alone is good enough for a deviation, too: of that no estimate is made, and it is taken
-        for no worse than a bound of the error of the mean."""
+        """Whether one mesh alone is good enough for a deviation, too: of that no estimate is made, and it is
+        taken for little worse than a bound of the error of the mean."""
         assert self.result is not None and self.share is not None and isinstance(self.quantity, Resultant)
         try:
             self.chaos = self._first_chaos(self.result.problem, method, options, settings)

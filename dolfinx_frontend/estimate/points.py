@@ -141,8 +141,8 @@ class Panel(NamedTuple):
 
 
 def misfit_of_halves(parent: Array, halves: Array) -> Array:
-    """(3,) root mean square differences of 1, value and square (POINTS,) at the points of both halves of a panel
-    (2 POINTS,) from the polynomials of its own points."""
+    """(3,) root mean square differences of 1, value and square at the points of both halves of a panel
+    (2 POINTS,) from the polynomials of its own points (POINTS,)."""
     at, _ = np.polynomial.legendre.leggauss(POINTS)
     own = np.vander(at, POINTS)
     beside = np.vander(np.concatenate([0.5 * (at - 1.0), 0.5 * (at + 1.0)]), POINTS)
@@ -159,7 +159,7 @@ def kinks_at_ends(panels: Sequence[Panel]) -> list[Array]:
     at, _ = np.polynomial.legendre.leggauss(POINTS)
     own = np.linalg.inv(np.vander(at, POINTS))
     of_lower, of_upper = (np.vander([end], POINTS)[0] @ own for end in (-1.0, 1.0))
-    out = [np.zeros(3) for _ in panels]
+    out: list[Array] = [np.zeros(3) for _ in panels]
     order = sorted(range(len(panels)), key=lambda k: panels[k].lower)
     for one, other in pairwise(order):
         left, right = panels[one], panels[other]
