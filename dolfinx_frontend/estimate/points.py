@@ -71,6 +71,9 @@ MOST_DEGREE = 4
 CHECKED = 4
 """Points that are solved again from nothing, to a hundredth of the tolerance."""
 
+ALONE, OF_ALL = 48, 8
+"""Others that are, each alone, at most, and one of so many."""
+
 AGAIN = 32
 """Points that are solved again to a hundredth of the tolerance, in another order."""
 
@@ -307,14 +310,17 @@ def surrogate(
 
 def checked_cold(result: ChaosResult, samples: SampleResult, quantity: Wanted, values: Array) -> float:
     """Root mean square difference of some points to the same points solved again to a hundredth of the
-    tolerance, the most important ones from nothing; NaN: one of these did not converge."""
+    tolerance, the most important ones and some others from nothing; NaN: one of these did not converge."""
     weights = samples.probabilities
     weight = np.abs(weights) * (values - weights @ values) ** 2
     ranked = np.argsort(-weight, kind="stable")
     rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
     away = []
     groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
-    some = ranked[CHECKED :: max(1, (len(ranked) - CHECKED) // AGAIN)]
+    others = ranked[CHECKED:]
+    alone = min(ALONE, len(others) // OF_ALL)
+    groups += [point for point in np.random.default_rng(len(ranked)).permutation(others)[:alone, None]]
+    some = others[:: max(1, len(others) // AGAIN)]
     if len(some):
         groups.append(some)
     for chosen in groups:
