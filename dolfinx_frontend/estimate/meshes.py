@@ -598,7 +598,13 @@ class _Meshes:
         unseen = {n for n in self.scene.substructures if f"part {n!r}" in large}
         unseen |= set(self._of_chords() if len(self.steps) == 1 else [])
         means = [n for n in self.scene.interfaces if f"interface {n!r}" in large]
-        found = finer(self.scene, problem, self.cells, fall, self.edges, unseen, means)
+        parts = problem.substructures
+        for milder in (1.0, 0.5, 0.25):  # what the budget leaves
+            step = fall**milder
+            found = finer(self.scene, problem, self.cells, step, self.edges, unseen, means)
+            size = int(sum(each.size * found.growth.get(name, 1.0) for name, each in parts.items()))
+            if size <= self.max_unknowns or not found.specs:
+                break
         for name, why in found.stuck.items():
             note = f"part {name!r} keeps its mesh: {why}"
             if note not in self.notes:
@@ -606,8 +612,6 @@ class _Meshes:
         if not found.specs:
             self.notes.append("no part can get a finer mesh")
             return None
-        parts = problem.substructures
-        size = int(sum(s.size * found.growth.get(name, 1.0) for name, s in parts.items()))
         if size > self.max_unknowns:
             self.notes.append(
                 f"the budget of {self.max_unknowns} unknowns ends it: the next meshes would have about "
