@@ -394,9 +394,13 @@ class _Meshes:
         seconds = perf_counter() - self.began
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
-        # nor is the shape of a part whose cells turn by more than 45 degrees
+        # nor is the shape of a part whose cells turn by more than 45 degrees, nor all that means leave out
         enough = SURE * (OF_DEVIATION if self.random else 1.0)
-        alone = enough * sure <= self.target and not (self.edges or self._of_chords())
+        means = any(
+            each.space != "points" and len(each.sides) == 2 and each.law.prescribes is None
+            for each in problem.interfaces.values()
+        )
+        alone = enough * sure <= self.target and not (self.edges or means or self._of_chords())
         self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
         self.cells = found.cells
         self.said = said

@@ -36,6 +36,9 @@ SHARP = np.pi / 4.0
 CROSSING = 4.0
 """phi^2 / 6 over phi^2 / 24, by which an arc is longer than its chord."""
 
+STIFF = 10.0
+"""Stiffness of springs relative to the cells beside from which on these follow the jump."""
+
 FLAT = 1e-9
 """Sine of turns that are rounding."""
 
@@ -200,7 +203,7 @@ def of_springs(problem: Problem, fields: Mapping[str, Array], duals: Mapping[str
         size = (interface.area / count) ** (1.0 / max(interface.dim - 1, 1))
         modulus = min(problem.parts[side.substructure].modulus for side in interface.sides)
         stiff = float(stiffness.max(initial=0.0)) * size / modulus
-        out[name] = abs(left) / (1.0 + stiff) ** 2
+        out[name] = abs(left) / (1.0 + (stiff / STIFF) ** 2)
     return out
 
 
