@@ -113,7 +113,7 @@ def compared_with(quantity: Wanted | None, compared: Compared | None) -> Wanted 
 
 
 def beside_what_acts(
-    result: Result, quantity: Wanted | None
+    result: Result, quantity: Wanted | None, below: float = ZERO, why: str = "is rounding"
 ) -> tuple[Wanted | None, tuple[str, ...]]:
     """The quantity, relative to what acts on its interface if beside that it is rounding; and a note."""
     if quantity is not None and quantity.compared.deviation and result.statistics != "value":
@@ -133,11 +133,11 @@ def beside_what_acts(
     field = field.reshape(-1, *field.shape[-2:])
     whole = float((np.linalg.norm(field, axis=-1) @ weights).max())
     whole = whole if quantity.of == "force" else whole / float(weights.sum())
-    if not max(abs(value.mean), value.std or 0.0) < ZERO * whole:
+    if not max(abs(value.mean), value.std or 0.0) < below * whole:
         return quantity, ()
     what = "force" if quantity.of == "force" else "jump"
     note = (
-        f"the value {value.mean:.1g} is rounding beside the {what} of {whole:.3g} that the interface has "
+        f"the value {value.mean:.1g} {why} beside the {what} of {whole:.3g} that the interface has "
         "without signs: errors are relative to that; give absolute= to say what matters"
     )
     return replace(quantity, compared=replace(quantity.compared, least=whole)), (note,)

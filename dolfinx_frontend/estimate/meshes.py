@@ -113,7 +113,7 @@ MATTERS = 0.2
 CLOSED = 1e-6
 """Pressure relative to the largest above which a point of an interface counts as closed."""
 
-LOST_STEPS, LOST_IN = 4, 0.01
+LOST_STEPS, LOST_IN = 3, 0.01
 """Meshes after which a value is given up that is below this share of its largest, and below its error."""
 
 STEPS = 12
@@ -217,6 +217,7 @@ class _Meshes:
         self.chaos: ChaosResult | None = None
         self.norms: list[float] = []
         self.largest = 0.0
+        self.given_up = False
         self.estimates: list[float] = []
         self.edges: dict[str, Array] = {}
         self.unseen: dict[str, float] = {}
@@ -295,7 +296,9 @@ class _Meshes:
         changed: dict[str, str] = {}
         while True:
             self._solve(problem, changed, method, options=options, **settings)
-            if self._fits() and (not self.random or self._deviation_fits(method, options, settings)):
+            if self._fits() and (
+                not self.random or self.given_up or self._deviation_fits(method, options, settings)
+            ):
                 return
             following = self._finer(problem)
             if following is None:
@@ -500,7 +503,7 @@ class _Meshes:
             )
             return True
         if self._cannot_be_told():
-            return True
+            return self._as_far_as_it_acts()
         return self.said <= self.target and self.confirmed
 
     def _cannot_be_told(self) -> bool:
@@ -510,11 +513,28 @@ class _Meshes:
         values = [abs(step.value or 0.0) for step in self.steps[-LOST_STEPS:]]
         if min(values) > LOST_IN * max(self.largest, *values) or not self.said > 1.0:
             return False
-        self.notes.append(
-            f"the value {self.steps[-1].value:.2g} cannot be told from 0 (+- {self.said * values[-1]:.1g}): "
-            "no error is small relative to it; say what matters with absolute=, in its unit"
-        )
         return True
+
+    def _as_far_as_it_acts(self) -> bool:
+        """Whether the error of a value that may be 0 is small beside what acts; else it is given up."""
+        assert self.result is not None and self.share is not None
+        why = f"cannot be told from 0 (+- {self.share.quantity:.1g})"
+        quantity, notes = beside_what_acts(self.result, self.quantity, LOST_IN, why)
+        if not notes:
+            self.notes.append(
+                f"the value {self.steps[-1].value:.2g} {why}: no error is small relative to it; say what matters "
+                "with absolute=, in its unit"
+            )
+            self.given_up = True
+            return True
+        before = self._size(self.steps[-1].value)
+        self.quantity = quantity
+        share = before / self._size(self.steps[-1].value)
+        self.notes += notes
+        self.said, self.rest, self.sure = (share * each for each in (self.said, self.rest, self.sure))
+        self.estimates = [share * each for each in self.estimates]
+        self.steps[-1] = self.steps[-1]._replace(error=self.said)
+        return self.said <= self.target and self.confirmed
 
     def _deviation_fits(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
         """Whether the deviation, of a chaos of order 1, has changed as little since an earlier mesh."""
