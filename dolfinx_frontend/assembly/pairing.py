@@ -502,7 +502,7 @@ def _filled(found: kernel.Overlap) -> tuple[kernel.Overlap, float]:
 
 
 def _alike(areas: tuple[Array, ...]) -> bool:
-    """Whether two faces are equally large but for the curves of their rims: one that is a little larger is not."""
+    """Whether two faces are equally large but for the curves of their rims; a little larger is not."""
     first, second = (float(each.sum()) for each in areas)
     return abs(second - first) < _SAME_AREA * first
 

@@ -22,13 +22,12 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.assemble import assemble, assembled_again
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
-from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
@@ -46,7 +45,7 @@ from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.levels import of_two_meshes
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
-from dolfinx_frontend.geometry.finer import cell_sizes
+from dolfinx_frontend.estimate.zones import contact_edges, places_of, soft_springs
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -54,7 +53,6 @@ from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_o
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos
@@ -92,15 +90,6 @@ MARGIN = 1.5
 FORGOTTEN = 0.4
 """Weight of a change by those that came after it."""
 
-COARSER = 1.5
-"""Facets of the side with the points, relative to those of the other side, at most."""
-
-RESOLVED = 6
-"""Closed points of a contact zone with an edge, in each direction, at least."""
-
-COVERED = 0.99
-"""Share of a face from which on all of it counts as covered."""
-
 LOST = 1e-5
 """Share of a face that its new mesh does not cover any more, of which it is told."""
 
@@ -109,9 +98,6 @@ OF_DEVIATION = 1.5
 
 MATTERS = 0.2
 """Share of what the meshes may use from which on what is in no stress gets smaller cells."""
-
-CLOSED = 1e-6
-"""Pressure relative to the largest above which a point of an interface counts as closed."""
 
 LOST_STEPS, LOST_IN = 3, 0.01
 """Meshes after which a value is given up that is below this share of its largest, and below its error."""
@@ -280,7 +266,7 @@ class _Meshes:
             if joint.space == "points" and len(joint.faces) == 2 and joint.law.rigid:
                 # which asks for meshes that match, and these may not any more
                 self.scene.interfaces[name] = replace(joint, space="auto")
-        soft = _soft_springs(self.scene, problem)
+        soft = soft_springs(self.scene, problem)
         for name in soft:
             self.scene.interfaces[name] = replace(self.scene.interfaces[name], space="points")
         if any(problem.interfaces[name].space != "points" for name in soft):
@@ -375,7 +361,7 @@ class _Meshes:
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
-        self.edges, unresolved = _contact_edges(result)
+        self.edges, unresolved = contact_edges(result)
         seen = self._change(value)
         said, how = estimate, "recovered stresses"
         if self.quantity is not None and not of_quantity:
@@ -392,7 +378,7 @@ class _Meshes:
         energy = said if self.quantity is None else MARGIN * found.energy
         self.sure = sure
         self.share = ErrorShare(energy, absolute, None, how)
-        self.places = _places(result.problem, found)
+        self.places = places_of(result.problem, found)
         kept = (sum(bool(cost["kept"]) for cost in result.solver.costs), len(result.solver.costs))
         seconds = perf_counter() - self.began
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
@@ -522,8 +508,8 @@ class _Meshes:
         quantity, notes = beside_what_acts(self.result, self.quantity, LOST_IN, why)
         if not notes:
             self.notes.append(
-                f"the value {self.steps[-1].value:.2g} {why}: no error is small relative to it; say what matters "
-                "with absolute=, in its unit"
+                f"the value {self.steps[-1].value:.2g} {why}: no error is small relative to it; say what "
+                "matters with absolute=, in its unit"
             )
             self.given_up = True
             return True
@@ -655,77 +641,3 @@ class _Meshes:
         scene = copy(self.scene)
         scene.substructures.update(found.specs)
         return scene, dict(found.how)
-
-
-def _soft_springs(scene: Scene, problem: Problem) -> list[str]:
-    """Interfaces of springs that are softer than the cells beside them, whose space was left open.
-
-    At points these hold exactly, whatever the meshes; means about vertices leave out how jumps vary between
-    them, which no estimate sees. Stiff springs would lock at points.
-    """
-    found = []
-    for name, spec in scene.interfaces.items():
-        if spec.space != "auto" or spec.overlap != "full" or spec.remote is not None or len(spec.faces) != 2:
-            continue
-        interface, law = problem.interfaces[name], spec.law.nominal
-        if law.elimination is not Elimination.SPRINGS or law.unilateral or not law.linear:
-            continue
-        first, second = (len(_facets(problem, side.substructure, side.face)) for side in interface.sides)
-        size = (interface.area / first) ** (1.0 / (interface.dim - 1))
-        other = (interface.sides[1].area / second) ** (1.0 / (interface.dim - 1))
-        if np.any(interface.chords):
-            continue  # points on one polygon are not on the other
-        if size > COARSER * other:
-            continue  # between the points nothing would hold the second side
-        modulus = min(problem.parts[side.substructure].modulus for side in interface.sides)
-        if float(law.stiffnesses(interface).max(initial=0.0)) * size < modulus:
-            found.append(name)
-    return found
-
-
-def _facets(problem: Problem, part: str, face: str) -> Ints:
-    """Facets of a face."""
-    each = problem.substructures[part].part
-    return np.asarray(each.facet_tags.find(each.names[face]), dtype=np.int64)
-
-
-def _contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
-    """Active interface that may open -> its points (k, d) with closed and open ones around; and whether a
-    contact zone has too few points for its shape to be seen."""
-    out, unresolved = {}, False
-    for name in result.plan.active:
-        interface = result.problem.interfaces[name]
-        if not interface.law.unilateral:
-            continue
-        force = np.asarray(result.force(name))
-        normal = force.reshape(-1, *force.shape[-2:])[-1][:, 0]
-        closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
-        if not closed.any() or (closed.all() and interface.covered > COVERED):
-            continue
-        if np.count_nonzero(closed) < RESOLVED ** (interface.dim - 1):
-            unresolved = True
-            out[name] = interface.points[closed]
-            continue
-        count = min(interface.num_points, 3 if interface.dim == 2 else 7)
-        _, around = cKDTree(interface.points).query(interface.points, k=count)
-        mixed = closed[around].any(axis=1) & ~closed[around].all(axis=1)
-        if mixed.any():
-            out[name] = interface.points[mixed]
-    return out, unresolved
-
-
-def _places(problem: Problem, found: DiscretisationError) -> tuple[Place, ...]:
-    """Parts by what their cells contribute, the largest first; those below a hundredth are left out."""
-    sums = {name: float(each.sum()) for name, each in found.cells.items()}
-    total = sum(sums.values())
-    out = []
-    for name in sorted(sums, key=lambda n: -sums[n]):
-        if not sums[name] > 0.01 * total:
-            break
-        mesh = problem.substructures[name].part.mesh
-        worst = int(found.cells[name].argmax())
-        nodes = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[worst], : mesh.geometry.dim]
-        at = tuple(float(v) for v in nodes.mean(axis=0))
-        size = float(cell_sizes(mesh).min())
-        out.append(Place(name, sums[name] / total, at, len(found.cells[name]), size))
-    return tuple(out)

@@ -2,10 +2,10 @@
 
 ``./run bench asked [--json FILE] [--markdown docs/accuracy.md] [--only NUMBER ...]``
 
-Six scenes have exact meshes and moments in closed form (of ``promise``): what is random decides. In the other
-four meshes decide; their references are a closed form, carried-on uniform meshes, or the finest meshes of
-``tradeoff``. *Got* is the true error, the larger of mean and deviation; a *unit* is assembling and solving the
-first mesh once.
+Six scenes have exact meshes and moments in closed form (of ``promise``): what is random decides. In the
+other four meshes decide; their references are a closed form, carried-on uniform meshes, or the finest meshes
+of ``tradeoff``. *Got* is the true error, the larger of mean and deviation; a *unit* is assembling and solving
+the first mesh once.
 """
 
 from __future__ import annotations
@@ -155,9 +155,8 @@ def main() -> None:
         for accuracy in ACCURACIES:
             rows.append(run(task, accuracy, unit))
             print(" | ".join(shown(rows[-1])), flush=True)
-    medians = {
-        f"{100.0 * a:g} %": float(np.median([r["units"] for r in rows if r["asked"] == a])) for a in ACCURACIES
-    }
+    units = {a: [r["units"] for r in rows if r["asked"] == a] for a in ACCURACIES}
+    medians = {f"{100.0 * a:g} %": float(np.median(each)) for a, each in units.items()}
     print("median units", medians)
     common.write_json({"rows": rows, "medians": medians, "environment": common.environment()}, given.json)
     if given.markdown is not None:

@@ -2,11 +2,11 @@
 
 ``./run bench heldout [--scenes N] [--first K] [--seed S] [--json FILE]``
 
-Two to four blocks in a row, of triangles or quadrilaterals of degree 1 or 2, their moduli over a decade; between
-them springs over three decades, glue, or contact that may open; each on a bed of springs, the first one clamped.
-The quantity is the normal force or the mean jump of one of the interfaces. The reference is the same scene asked
-for 2e-4 within 60 000 unknowns; an answer is *broken* if it says *reached* and is off by more than was asked and
-the reference says of itself.
+Two to four blocks in a row, of triangles or quadrilaterals of degree 1 or 2, their moduli over a decade;
+between them springs over three decades, glue, or contact that may open; each on a bed of springs, the first
+one clamped. The quantity is the normal force or the mean jump of one of the interfaces. The reference is the
+same scene asked for 2e-4 within 60 000 unknowns; an answer is *broken* if it says *reached* and is off by
+more than was asked and the reference says of itself.
 """
 
 from __future__ import annotations
@@ -100,7 +100,8 @@ def main() -> None:
         "worst": max((r["true"] / r["asked"] for r in said), default=None),
     }
     print(total)
-    common.write_json({**total, "seed": given.seed, "environment": common.environment(), "rows": rows}, given.json)
+    record = {**total, "seed": given.seed, "environment": common.environment(), "rows": rows}
+    common.write_json(record, given.json)
 
 
 if __name__ == "__main__":
