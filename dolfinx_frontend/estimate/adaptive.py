@@ -144,9 +144,10 @@ TIGHT = 3e-3
 """Tolerance of single points, relative to the accuracy of the deviation: a force may be a small part of the
 energy, and the last digits take Newton's method one iteration."""
 
-LOOSEST = 1e-8
-"""Loosest tolerance of single points: a run that starts from a neighbour whose contact is open can stay there
-for two iterations and look converged at 1e-6 (measured: 3 % of the points of a chain of soft layers)."""
+LOOSEST, LOOSEST_LINEAR = 1e-8, 1e-6
+"""Loosest tolerances of single points, of nonlinear laws and of linear ones: a run that starts from a neighbour
+whose contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of the points
+of a chain of soft layers)."""
 
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""
@@ -417,7 +418,8 @@ class _Search:
             value = self.result.mean_std(self.quantity)
             whole = max(value.std or 0.0, self.quantity.compared.least)
             spread = min(share_of(whole, value.mean), 1.0) or 1e-6
-        return float(np.clip(TIGHT * self.target * spread, FINEST, LOOSEST))
+        loosest = LOOSEST if self.result.collocations else LOOSEST_LINEAR
+        return float(np.clip(TIGHT * self.target * spread, FINEST, loosest))
 
     def _look(self, quantity: Wanted) -> None:
         """Solve the witnesses, which tells what a point costs, too."""
