@@ -145,9 +145,9 @@ TIGHT = 3e-3
 energy, and the last digits take Newton's method one iteration."""
 
 LOOSEST, LOOSEST_LINEAR = 1e-8, 1e-6
-"""Loosest tolerances of single points, of nonlinear laws and of linear ones: a run that starts from a neighbour
-whose contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of the points
-of a chain of soft layers)."""
+"""Loosest tolerances of single points, of nonlinear laws and of linear ones: a run that starts from a
+neighbour whose contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of
+the points of a chain of soft layers)."""
 
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""
