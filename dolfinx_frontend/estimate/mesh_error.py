@@ -202,8 +202,12 @@ def discretisation_error(
     total = sum(found.values(), start=_Errors())
     energy = float(np.sqrt(total.error)) / whole if whole else 0.0
     size = value if quantity is not None and value is not None else whole**2
-    shapes = of_shapes(problem, fields, z, size)
-    means = of_springs(problem, fields, z or fields)
+    with agreement(problem.comm):
+        shapes = of_shapes(problem, fields, z, size)
+        means = of_springs(problem, fields, z or fields)
+    if problem.comm is not None:  # all ranks decide alike
+        shapes = {n: each for some in exchanged(problem.comm, shapes) for n, each in some.items()}
+        means = {n: each for some in exchanged(problem.comm, means) for n, each in some.items()}
     if quantity is None:
         squared = max(whole**2, 1e-300)
         shapes, means = ({n: 0.5 * e / squared for n, e in each.items()} for each in (shapes, means))
