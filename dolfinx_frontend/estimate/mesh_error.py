@@ -82,7 +82,8 @@ class DiscretisationError:
         Substructure -> error of the quantity by its straight cells on round faces, in its unit; without a
         quantity of the energy, relative. In no other number here.
     means
-        Interface -> error of the quantity by springs on means over vertices or facets, likewise.
+        Interface -> error of the quantity by springs on means over vertices or facets, likewise; on several
+        ranks only of interfaces whose sides are on one.
     """
 
     energy: float
