@@ -18,13 +18,13 @@ from blocks import WORLD, row
 from mpi4py import MPI
 
 from dolfinx_frontend import (
-    discretisation_error,
     Amplitude,
     Contact,
     Elastic,
     LogNormal,
     Options,
     assemble,
+    discretisation_error,
     monte_carlo,
     solve,
     sweep,
