@@ -16,7 +16,7 @@ from latin_core import Iteration, NumericalError, Options, State
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
-from dolfinx_frontend.common.checks import checked_flag, checked_word
+from dolfinx_frontend.common.checks import checked_flag, checked_number, checked_word, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
@@ -27,7 +27,7 @@ from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, c
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import HistoryResult, Result
-from dolfinx_frontend.results.resultant import Interest
+from dolfinx_frontend.results.resultant import Compared, Interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.uncertainty.quantities import Kind
@@ -67,6 +67,8 @@ def solve(
     max_unknowns: int | None = None,
     max_seconds: float | None = None,
     progress: bool = True,
+    absolute: float | None = None,
+    relative_to: Literal["value", "deviation"] = "value",
 ) -> Result | SampleResult: ...
 
 
@@ -82,6 +84,8 @@ def solve(
     active: Sequence[str] | Literal["all"] | None = None,
     direction: Direction | float | None = None,
     options: Options | None = None,
+    absolute: float | None = None,
+    relative_to: Literal["value", "deviation"] = "value",
 ) -> Result | SampleResult: ...
 
 
@@ -157,6 +161,8 @@ def solve(
     meshes: bool = True,
     max_unknowns: int | None = None,
     max_seconds: float | None = None,
+    absolute: float | None = None,
+    relative_to: Literal["value", "deviation"] = "value",
 ) -> Result | SampleResult:
     """Solve a problem.
 
@@ -193,6 +199,12 @@ def solve(
     quantity
         Of which: a :class:`Resultant` (if random, of its mean and of its standard deviation), the name of an
         interface (its normal force), or ``"energy"`` (None).
+    absolute
+        Of the quantity, in its unit, > 0: an error (of mean or deviation) below it is small enough, whatever
+        `accuracy` says; for what may be zero.
+    relative_to
+        What an error of the mean is relative to: the ``"value"`` itself, or the ``"deviation"``, where that
+        is what counts. An error of the deviation is relative to the deviation in either case.
     meshes
         With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
     max_unknowns, max_seconds
@@ -225,6 +237,7 @@ def solve(
     """
     settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
     check_running("solve", callback, progress)
+    compared = _compared(accuracy, quantity, absolute, relative_to)
     if isinstance(problem, Scene) and accuracy is not None:
         given_too = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in (given_too | {"meshes": None if meshes else meshes}).items():
@@ -240,6 +253,7 @@ def solve(
             max_unknowns=max_unknowns,
             max_seconds=max_seconds,
             progress=progress,
+            compared=compared,
             **settings,
         )
     check_problem("solve", problem, plan)
@@ -260,7 +274,9 @@ def solve(
                 raise SceneError(
                     f"accuracy = {short(accuracy)} decides on the chaos and the plan: leave {name} out"
                 )
-        return solve_to_accuracy(problem, accuracy, quantity, method, meshes=meshes, **settings)
+        return solve_to_accuracy(
+            problem, accuracy, quantity, method, meshes=meshes, compared=compared, **settings
+        )
     if quantity is not None:
         raise SceneError("a quantity goes with an accuracy: solve(problem, accuracy=1e-3, quantity=...)")
     if chaos is not None:
@@ -311,6 +327,24 @@ def _with_all_kept(
     if problem.rank == 0:
         _log.warning("parts that are joined do not factorise together: all interfaces are kept")
     return result
+
+
+def _compared(
+    accuracy: float | None, quantity: Interest, absolute: float | None, relative_to: str
+) -> Compared | None:
+    """What errors are relative to; None: nothing is said of it."""
+    checked_word("solve", "relative_to", relative_to, ("value", "deviation"))
+    if absolute is None and relative_to == "value":
+        return None
+    if accuracy is None or quantity is None:
+        raise SceneError(
+            "absolute and relative_to go with an accuracy of a quantity: solve(problem, accuracy=1e-2, "
+            "quantity=..., absolute=...)"
+        )
+    least = 0.0 if absolute is None else checked_number("solve", "absolute", absolute, above=0.0)
+    if is_real(accuracy) and accuracy > 0.0:  # which others refuse
+        least /= accuracy
+    return Compared(least, relative_to == "deviation")
 
 
 _log = logging.getLogger(__name__)

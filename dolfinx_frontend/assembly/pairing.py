@@ -29,6 +29,7 @@ from dolfinx_frontend.assembly.overlap import (
     check_cover,
     common,
     constant,
+    filled,
     hats,
     of_one_side,
     shape_of,
@@ -292,6 +293,9 @@ def _sag(faces: Sequence[FacetMap], points: Array) -> tuple[Array, Array]:
     return sag, chords
 
 
+_SAME_AREA = 1e-4
+"""Relative difference of the areas of two meshes of one face with curved facets, at most."""
+
 _SOME = 100
 """Facets whose vertices are looked at, of each side."""
 
@@ -463,6 +467,8 @@ def _sample_facets(pair: _Pair) -> _Samples:
     """The space ``facets``: means over those of side 1."""
     found = _integrals(pair, False)
     covered = _check_cover(pair, found)
+    if pair.overlap == "full":
+        found, covered = _filled(found)
     means = average(pair.faces[0], pair.faces[1] if len(pair.faces) == 2 else None, pair.spaces, found)
     gap = np.einsum("pi,pi->p", means.offset, means.normals)
     areas = sp.diags(means.weights, format="csr")
@@ -476,6 +482,8 @@ def _sample_vertices(pair: _Pair, carrier: int) -> _Samples:
     seen = pair.swapped() if carrier == 1 else pair
     found = _integrals(seen, True)
     covered = _check_cover(pair, found if carrier == 0 else None)
+    if pair.overlap == "full" and (carrier == 0 or _alike(pair.areas)):
+        found, covered = _filled(found)
     other = seen.faces[1] if len(seen.faces) == 2 else None
     m = multipliers(seen.faces[0], other, seen.spaces, found, pair.law, seen.held[0])
     normals, shapes, along = m.normals, m.shapes, m.along
@@ -485,6 +493,18 @@ def _sample_vertices(pair: _Pair, carrier: int) -> _Samples:
     return _Samples(
         m.points, normals, m.weights, shapes, m.gap, m.facets, m.areas, vertices, along, m.bulge, covered
     )
+
+
+def _filled(found: kernel.Overlap) -> tuple[kernel.Overlap, float]:
+    """The integrals without slivers along rims, and the fraction that is covered then."""
+    found = filled(found)
+    return found, float(np.minimum(found.covered, found.whole).sum() / found.whole.sum())
+
+
+def _alike(areas: tuple[Array, ...]) -> bool:
+    """Whether two faces are equally large but for the curves of their rims; a little larger is not."""
+    first, second = (float(each.sum()) for each in areas)
+    return abs(second - first) < _SAME_AREA * first
 
 
 def near_facets(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:

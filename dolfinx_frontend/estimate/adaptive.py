@@ -26,6 +26,8 @@ from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
     INTERRUPTED,
+    beside_what_acts,
+    compared_with,
     lost_variance,
     UNKNOWN,
     by_solves,
@@ -39,6 +41,7 @@ from dolfinx_frontend.estimate.errors import (
     of_direct,
     not_known,
     over_ranks,
+    size_of,
     sizes_of,
     whole_of,
 )
@@ -50,8 +53,10 @@ from dolfinx_frontend.estimate.points import (
     Witnesses,
     calibrated,
     checked_cold,
+    kinks_at_ends,
     lost_of_fields,
     misfit,
+    misfit_of_halves,
     moments_of_sets,
     panel_points,
     solved,
@@ -66,7 +71,7 @@ from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Quantile, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Compared, Interest, Quantile, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
@@ -115,6 +120,14 @@ KINKED = 4.0 / 3.0
 """Power of the misfit of a polynomial that the error of its rule is at most: with n points of a germ, a kink
 leaves a misfit of n^(-3/4) or less, and an error of n^-1 in the rule."""
 
+BROKEN_OFF = 1.0 / 6.0
+"""A polynomial of a piece of a germ is off by a sixteenth when the piece is halved, at a kink by a half:
+above this it is a kink."""
+
+AT_KINK = 0.15
+"""Error of the sum over a piece with a kink, relative to how far its polynomial is off: four points, measured
+for kinks everywhere in the piece."""
+
 MOST_RULE = 2048
 """Points of a tensor rule at most."""
 
@@ -130,6 +143,11 @@ EIGENVECTORS = 3e-9
 TIGHT = 3e-3
 """Tolerance of single points, relative to the accuracy of the deviation: a force may be a small part of the
 energy, and the last digits take Newton's method one iteration."""
+
+LOOSEST, LOOSEST_LINEAR = 1e-8, 1e-6
+"""Loosest tolerances of single points, of nonlinear laws and of linear ones: a run that starts from a
+neighbour whose contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of
+the points of a chain of soft layers)."""
 
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""
@@ -149,6 +167,7 @@ def solve_to_accuracy(
     meshes: bool = True,
     known: ErrorShare | None = None,
     first: ChaosResult | None = None,
+    compared: Compared | None = None,
 ) -> Result | SampleResult:
     """Solve until the error of a quantity is at most `accuracy`.
 
@@ -165,6 +184,8 @@ def solve_to_accuracy(
         The error of the meshes, where it was measured before.
     first
         A chaos of order 1 of the problem, where there is one.
+    compared
+        What errors are relative to; None: as the quantity says.
 
     Returns
     -------
@@ -176,7 +197,7 @@ def solve_to_accuracy(
         raise SceneError(f"accuracy = {short(accuracy)}: it must lie in 1e-10..0.5")
     check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
     checked_flag("solve", "meshes", meshes)
-    what = interest(problem.interfaces, quantity)
+    what = compared_with(interest(problem.interfaces, quantity), compared)
     of_one = what.interface if isinstance(what, Resultant) else None
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
@@ -196,7 +217,9 @@ def solve_to_accuracy(
         )
         return _Search(first, accuracy, what, known).answer(meshes)
     plan = make_plan(problem, method, active, (), direction, options, times=times)
-    return tight_enough(solve_once(problem, plan, estimator=errors), accuracy, what, meshes, known)
+    result = solve_once(problem, plan, estimator=errors)
+    what, notes = beside_what_acts(result, what)
+    return tight_enough(result, accuracy, what, meshes, known, notes)
 
 
 def tight_enough(
@@ -205,10 +228,10 @@ def tight_enough(
     quantity: Wanted | None,
     meshes: bool = True,
     known: ErrorShare | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Result:
     """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`."""
     of_meshes = known
-    notes: tuple[str, ...] = ()
     made = not_known(result, quantity)
     try:
         complete(result)
@@ -224,7 +247,7 @@ def tight_enough(
             complete(result)
             made = _settled(result, quantity)
     except Interrupted:
-        notes = (INTERRUPTED,)
+        notes += (INTERRUPTED,)
     return _with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
 
 
@@ -236,7 +259,7 @@ def _visible(
         return accuracy
     relative = of_meshes.energy
     if quantity is not None and of_meshes.quantity is not None:
-        relative = share_of(of_meshes.quantity, result.mean_std(quantity).mean)
+        relative = share_of(of_meshes.quantity, size_of(result.mean_std(quantity), quantity))
     if not isfinite(relative):
         return accuracy
     return min(max(0.1 * relative, accuracy - relative), 0.5)
@@ -336,6 +359,12 @@ class _Search:
         curved = bool(result.collocations)
         if quantity is not None:
             self._resolve(quantity)
+            self.quantity, notes = beside_what_acts(self.result, quantity)
+            self.notes += notes
+            quantity = self.quantity
+            assert quantity is not None
+            if notes:
+                self.target = _visible(self.accuracy, self.of_meshes, quantity, self.result)
             self.of_fields = self._lost(quantity)
             if not curved:
                 self._look(quantity)
@@ -387,8 +416,10 @@ class _Search:
         spread = 1.0
         if self.quantity is not None:
             value = self.result.mean_std(self.quantity)
-            spread = min(share_of(value.std or 0.0, value.mean), 1.0) or 1e-6
-        return float(np.clip(TIGHT * self.target * spread, FINEST, 1e-6))
+            whole = max(value.std or 0.0, self.quantity.compared.least)
+            spread = min(share_of(whole, value.mean), 1.0) or 1e-6
+        loosest = LOOSEST if self.result.collocations else LOOSEST_LINEAR
+        return float(np.clip(TIGHT * self.target * spread, FINEST, loosest))
 
     def _look(self, quantity: Wanted) -> None:
         """Solve the witnesses, which tells what a point costs, too."""
@@ -429,7 +460,7 @@ class _Search:
             except SceneError as error:
                 self.notes += (f"the chaos cannot grow: {str(error).splitlines()[0]}",)
                 return made
-            change = change_of(before, self.result.mean_std(quantity), _reached(self.result))
+            change = change_of(before, self.result.mean_std(quantity), _reached(self.result), quantity)
             left = change  # what is left is less, if it falls to a half at least
         raise AssertionError
 
@@ -497,7 +528,7 @@ class _Search:
         before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))
         if quantity is not None and before is not None and loose > 0.0:
-            change = change_of(before, self.result.mean_std(quantity), rtol)
+            change = change_of(before, self.result.mean_std(quantity), rtol, quantity)
             self.gain = max(change / loose, _mean_over_spread(self.result))
 
     def _grow(self, curved: bool) -> tuple[float, bool]:
@@ -519,7 +550,7 @@ class _Search:
             if quantity is None or before is None:
                 change = distance(self.result, old)
             else:
-                change = change_of(before, self.result.mean_std(quantity), self.rtol)
+                change = change_of(before, self.result.mean_std(quantity), self.rtol, quantity)
             if isfinite(change_before) and change_before > 0.0:
                 fall = min(change / change_before, SLOWEST)
                 stalled = curved and change > STALLED * change_before and change > target
@@ -588,13 +619,14 @@ def _errors_of_chaos(
     if quantity is None:
         return Errors(algebraic, ErrorShare(left, how=how), None, None, None)
     value = result.mean_std(quantity)
-    whole = whole_of(value, _reached(result))
+    whole = whole_of(value, _reached(result), quantity)
     assert whole is not None  # of a chaos
     size = gain * result.error
+    of_std = size * (whole_of(value, _reached(result)) or 0.0)
     algebraic = ErrorShare(
-        result.error, size * abs(value.mean), size * whole, f"its estimate times {gain:.2g}, as at order 1"
+        result.error, size * abs(value.mean), of_std, f"its estimate times {gain:.2g}, as at order 1"
     )
-    truncation = ErrorShare(np.nan, left * abs(value.mean), left * whole, how)
+    truncation = ErrorShare(np.nan, left * size_of(value, quantity), left * whole, how)
     return Errors(algebraic, truncation, None, quantity, value, whole)
 
 
@@ -629,8 +661,9 @@ def _by_rules(
         value = samples.mean_std(quantity)
         if before is not None:
             values = quantity.at_end(samples, samples)
-            whole = whole_of(value, rtol) or abs(value.mean)
-            changes.append(change_of(before, value, rtol))
+            size = size_of(value, quantity)
+            whole = whole_of(value, rtol, quantity) or size
+            changes.append(change_of(before, value, rtol, quantity))
             # earlier changes count with less weight, and the fall is the mean over all of them
             change = max(c * FORGOTTEN**k for k, c in enumerate(reversed(changes)))
             fall = SUREST
@@ -644,14 +677,14 @@ def _by_rules(
             kinked = share_of(off.size, spread) ** KINKED * spread
             if not spread > 0.0 and not value.mean:
                 return None  # nothing happens at any point of the rule
-            of_mean = max(left * abs(value.mean), kinked)
+            of_mean = max(left * size, kinked)
             of_std = max(left * whole, kinked)
-            relative = max(share_of(of_mean, value.mean), share_of(of_std, whole))
+            relative = max(share_of(of_mean, size), share_of(of_std, whole))
             if relative <= 0.5 * target:
                 outside = f"{len(seen.points)} points outside it"
                 how = f"the change by the last of {points} points per germ, {outside}"
                 away = checked_cold(result, samples, quantity, values)
-                if not away <= 0.3 * target * min(abs(value.mean), whole):
+                if not away <= 0.3 * target * min(size_of(value, quantity), whole):
                     return None
                 truncation = ErrorShare(np.nan, of_mean, of_std, how)
                 made = _of_solved_again(samples, away, truncation, quantity, value, whole)
@@ -673,22 +706,27 @@ def _by_panels(
     """Gauss rules on pieces of one germ, which are halved around kinks; None: they do not converge."""
     space = result.space
 
-    def integrated(ends: list[tuple[float, float]]) -> list[Array]:
+    def integrated(ends: list[tuple[float, float]]) -> list[tuple[Array, Array]]:
         z, weights = panel_points(ends)
         samples = solved(result, space.from_uniform(ndtr(z.reshape(-1, 1))), weights.ravel(), rtol, quantity)
         complete(samples)
         values = quantity.at_end(samples, samples).reshape(z.shape)
         powers = (np.ones_like(values), values, values**2)
-        return [np.array([float(w @ p[k]) for p in powers]) for k, w in enumerate(weights)]
+        sums = [np.array([float(w @ p[k]) for p in powers]) for k, w in enumerate(weights)]
+        return list(zip(sums, values, strict=True))
 
     ends = list(pairwise(FIRST_PANELS))
     unknown = np.full(3, np.inf)
-    leaves = [Panel(*end, sums, unknown) for end, sums in zip(ends, integrated(ends), strict=True)]
+    leaves = [
+        Panel(*end, sums, unknown, values, unknown)
+        for end, (sums, values) in zip(ends, integrated(ends), strict=True)
+    ]
     for _ in range(MOST_HALVINGS):
         total = np.sum([leaf.sums for leaf in leaves], axis=0)
         mean = float(total[1] / total[0])
         value = MeanStd(mean, float(np.sqrt(max(total[2] / total[0] - mean**2, 0.0))))
-        whole = whole_of(value, min(rtol, 1e-10)) or abs(mean)
+        size = size_of(value, quantity)
+        whole = whole_of(value, min(rtol, 1e-10), quantity) or size
 
         def relative(wrong: Array, value: MeanStd = value, whole: float = whole) -> tuple[float, float]:
             """Errors of mean and deviation, of those of the moments."""
@@ -699,10 +737,11 @@ def _by_panels(
             std = value.std or 0.0
             return float(of_mean), float(min(square / (2.0 * std), np.sqrt(square)) if std > 0.0 else square)
 
-        of_mean, of_std = relative(np.sum([leaf.error for leaf in leaves], axis=0))
+        wrong = [leaf.error + more for leaf, more in zip(leaves, kinks_at_ends(leaves), strict=True)]
+        of_mean, of_std = relative(np.sum(wrong, axis=0))
         if value.mean == 0.0 and not value.std and np.isfinite(of_mean):
             return None  # nothing happens at any point
-        if max(share_of(of_mean, mean), share_of(of_std, whole)) <= 0.5 * target:
+        if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
             z, weights = panel_points([(leaf.lower, leaf.upper) for leaf in leaves])
             points = space.from_uniform(ndtr(z.reshape(-1, 1)))
             samples = solved(result, points, weights.ravel(), rtol, quantity)
@@ -710,7 +749,7 @@ def _by_panels(
             values = quantity.at_end(samples, samples)
             value = samples.mean_std(quantity)
             away = checked_cold(result, samples, quantity, values)
-            if not away <= 0.3 * target * min(abs(value.mean), whole):
+            if not away <= 0.3 * target * min(size_of(value, quantity), whole):
                 return None
             how = f"the change by the last halving of {len(leaves)} pieces of the germ"
             truncation = ErrorShare(np.nan, of_mean, of_std, how)
@@ -718,9 +757,9 @@ def _by_panels(
             seconds = 2.0 * sum(samples.seconds.values())
             return samples, replace(made, next_halving=f"half the pieces, about {seconds:.2g} s")
         each = 0.25 * target / len(leaves)
-        shares = [relative(leaf.error) for leaf in leaves]
+        shares = [relative(each) for each in wrong]
         split = [
-            max(share_of(a, mean), share_of(b, whole)) > each or not np.isfinite(a) for a, b in shares
+            max(share_of(a, size), share_of(b, whole)) > each or not np.isfinite(a) for a, b in shares
         ]
         if sum(split) * 2 * POINTS > MOST_RULE:
             return None
@@ -737,11 +776,17 @@ def _by_panels(
         for k, parent in enumerate(parents):
             pair = found[2 * k : 2 * k + 2]
             # what halving has changed is what was wrong before, and with a kink may be small by chance
-            error = 0.5 * np.abs(parent.sums - pair[0] - pair[1])
+            both = [sums for sums, _ in pair]
+            error = 0.5 * np.abs(parent.sums - both[0] - both[1])
+            off = misfit_of_halves(parent.values, np.concatenate([values for _, values in pair]))
+            at_kink = ~(off <= BROKEN_OFF * parent.misfit) | np.isinf(parent.misfit)
+            error = np.maximum(error, 0.5 * AT_KINK * parent.sums[0] * np.where(at_kink, off, 0.0))
             if np.all(np.isfinite(parent.error)):
                 error = np.maximum(error, FORGOTTEN**4 * parent.error)
             ends = halves[2 * k : 2 * k + 2]
-            leaves += [Panel(*end, sums, error) for end, sums in zip(ends, pair, strict=True)]
+            leaves += [
+                Panel(*end, sums, error, values, off) for end, (sums, values) in zip(ends, pair, strict=True)
+            ]
     return None
 
 
@@ -760,13 +805,14 @@ def _by_samples(
         complete(samples)
         values = quantity.at_end(samples, samples)
         value, of_mean, of_std = moments_of_sets(quantity, values, weights, SETS)
-        whole = whole_of(value, min(rtol, 1e-10)) or abs(value.mean)
+        size = size_of(value, quantity)
+        whole = whole_of(value, min(rtol, 1e-10), quantity) or size
         nothing = value.mean == 0.0 and not value.std
-        relative = np.inf if nothing else max(share_of(of_mean, value.mean), share_of(of_std, whole))
+        relative = np.inf if nothing else max(share_of(of_mean, size), share_of(of_std, whole))
         total = each * SETS
         if relative <= 0.6 * target:
             away = checked_cold(result, samples, quantity, values)
-            off = max(share_of(away, value.mean), share_of(away, whole))
+            off = max(share_of(away, size), share_of(away, whole))
             if off <= 0.3 * target or rtol <= 1e-10:
                 break
             rtol = max(0.03 * rtol, FINEST)
@@ -774,7 +820,7 @@ def _by_samples(
         # errors of scrambled points fall like 1 / N at best, more slowly where there are kinks
         factor = 2 ** max(1, min(2, round(log2(relative / (0.5 * target))))) if isfinite(relative) else 4
         known = value.std is not None and share_of(of_std, whole) <= 0.6 * target
-        lost = known and abs(value.mean) <= of_mean
+        lost = known and size <= of_mean
         if total >= MOST_SAMPLES or (lost and total >= ENOUGH_FOR_ZERO):
             away = checked_cold(result, samples, quantity, values)
             notes = (f"{total} samples: more are left to you, see quasi_monte_carlo",)

@@ -22,7 +22,7 @@ from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.mesh_error import discretisation_error
+from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results.accuracy import largest_of, remedy
@@ -30,7 +30,7 @@ from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.answer import AnswerKind
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, Source, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -40,17 +40,20 @@ __all__ = [
     "FINEST",
     "INTERRUPTED",
     "change_of",
+    "compared_with",
     "complete",
     "distance",
     "enlarged",
     "error_of_meshes",
     "errors",
     "errors_of_samples",
+    "beside_what_acts",
     "by_solves",
     "next_halving",
     "of_direct",
     "not_known",
     "over_ranks",
+    "size_of",
     "sizes_of",
     "whole_of",
 ]
@@ -74,21 +77,76 @@ UNKNOWN = 0.3
 
 REPLICATES = 4
 
+ZERO = 1e-9
+"""A total force or mean jump below this, relative to the same without signs, is rounding."""
+
 
 # --- quantities -------------------------------------------------------------------------------------
-def whole_of(value: MeanStd, rtol: float) -> float | None:
+def whole_of(value: MeanStd, rtol: float, quantity: Wanted | None = None) -> float | None:
     """What an error of the standard deviation is relative to: itself, if it is more than what a run with this
     error leaves of a mean."""
     if value.std is None:
         return None
     noise = value.std <= NOISE * rtol * abs(value.mean)
-    return abs(value.mean) if noise else value.std
+    least = 0.0 if quantity is None else quantity.compared.least
+    return max(abs(value.mean) if noise else value.std, least)
 
 
-def change_of(one: MeanStd, other: MeanStd, rtol: float) -> float:
+def size_of(value: MeanStd, quantity: Wanted | None = None) -> float:
+    """What an error of the mean is relative to."""
+    return abs(value.mean) if quantity is None else quantity.compared.size(*value)
+
+
+def compared_with(quantity: Wanted | None, compared: Compared | None) -> Wanted | None:
+    """The quantity whose errors are relative to something; None: as it says.
+
+    Raises
+    ------
+    SceneError
+        There is no quantity.
+    """
+    if compared is None or compared == Compared():
+        return quantity
+    if quantity is None:
+        raise SceneError("absolute and relative_to go with a quantity, the energy norm has neither")
+    return replace(quantity, compared=compared)
+
+
+def beside_what_acts(
+    result: Result, quantity: Wanted | None, below: float = ZERO, why: str = "is rounding"
+) -> tuple[Wanted | None, tuple[str, ...]]:
+    """The quantity, relative to what acts on its interface if beside that it is rounding; and a note."""
+    if quantity is not None and quantity.compared.deviation and result.statistics != "value":
+        value = result.mean_std(quantity)
+        if (value.std or 0.0) < ZERO * abs(value.mean):
+            itself = replace(quantity, compared=replace(quantity.compared, deviation=False))
+            return itself, ("the deviation is rounding beside the mean: errors are relative to the mean",)
+    if not isinstance(quantity, Resultant) or quantity.compared.least > 0.0:
+        return quantity, ()
+    try:
+        field, weights = quantity.field(result), result.problem.interfaces[quantity.interface].weights
+        value = result.mean_std(quantity)
+    except SceneError:
+        return quantity, ()
+    if field.ndim < 2 or field.shape[-2] != len(weights):
+        return quantity, ()
+    field = field.reshape(-1, *field.shape[-2:])
+    whole = float((np.linalg.norm(field, axis=-1) @ weights).max())
+    whole = whole if quantity.of == "force" else whole / float(weights.sum())
+    if not max(abs(value.mean), value.std or 0.0) < below * whole:
+        return quantity, ()
+    what = "force" if quantity.of == "force" else "jump"
+    note = (
+        f"the value {value.mean:.1g} {why} beside the {what} of {whole:.3g} that the interface has "
+        "without signs: errors are relative to that; give absolute= to say what matters"
+    )
+    return replace(quantity, compared=replace(quantity.compared, least=whole)), (note,)
+
+
+def change_of(one: MeanStd, other: MeanStd, rtol: float, quantity: Wanted | None = None) -> float:
     """Relative change of mean and standard deviation, the larger."""
-    change = share_of(one.mean - other.mean, other.mean)
-    whole = whole_of(other, rtol)
+    change = share_of(one.mean - other.mean, size_of(other, quantity))
+    whole = whole_of(other, rtol, quantity)
     if one.std is not None and other.std is not None and whole is not None:
         change = max(change, share_of(one.std - other.std, whole))
     return change
@@ -295,7 +353,7 @@ def not_known(result: Result, quantity: Wanted | None) -> Errors:
     truncation = None
     if result.statistics != "value":
         truncation = ErrorShare(np.nan, nan, of_std, "not measured")
-    whole = None if value is None else whole_of(value, result.plan.options.rtol)
+    whole = None if value is None else whole_of(value, result.plan.options.rtol, quantity)
     return Errors(algebraic, truncation, None, quantity, value, whole)
 
 
@@ -382,7 +440,7 @@ def errors_of_samples(result: SampleResult, quantity: Wanted | None) -> Errors:
     rtol = result.plan.options.rtol
     truncation = ErrorShare(np.nan, float(mean), float(std), f"{REPLICATES} parts of {len(values)} samples")
     algebraic = ErrorShare(error, error * abs(value.mean), error * (value.std or 0.0), "its estimate")
-    made = Errors(algebraic, truncation, None, quantity, value, whole_of(value, rtol))
+    made = Errors(algebraic, truncation, None, quantity, value, whole_of(value, rtol, quantity))
     seconds = sum(result.seconds.values())
     halving = f"{2 * len(values)} Sobol samples, about {2 * seconds:.2g} s"
     return replace(made, next_halving=halving, notes=lost_variance(result))
@@ -396,7 +454,19 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         return None
-    return ErrorShare(found.energy, found.quantity, None, "recovered stresses")
+    if found.quantity is None:
+        return ErrorShare(found.energy + found.unseen, None, None, _how_of_meshes(found))
+    return ErrorShare(found.energy, found.quantity + found.unseen, None, _how_of_meshes(found))
+
+
+def _how_of_meshes(found: DiscretisationError) -> str:
+    """How it was estimated, and of what most of it is."""
+    size = found.energy if found.quantity is None else found.quantity
+    if sum(found.round.values()) > max(size, sum(found.means.values())):
+        return f"straight cells on round faces of {max(found.round, key=lambda n: found.round[n])}"
+    if sum(found.means.values()) > size:
+        return f"springs that hold means of {max(found.means, key=lambda n: found.means[n])}"
+    return "recovered stresses"
 
 
 def next_halving(result: Result, made: Errors) -> str:

@@ -30,6 +30,7 @@ from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.estimate.recovery import recovery
+from dolfinx_frontend.estimate.unseen import of_shapes, of_springs
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
@@ -77,6 +78,12 @@ class DiscretisationError:
         a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide.
     norm
         sqrt(a(u_h)), the energy norm of the result.
+    round
+        Substructure -> error of the quantity by its straight cells on round faces, in its unit; without a
+        quantity of the energy, relative. In no other number here.
+    means
+        Interface -> error of the quantity by springs on means over vertices or facets, likewise; on several
+        ranks only of interfaces whose sides are on one.
     """
 
     energy: float
@@ -89,6 +96,8 @@ class DiscretisationError:
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
     cells: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
     norm: float = field(default=0.0, repr=False)
+    round: dict[str, float] = field(default_factory=dict, compare=False)
+    means: dict[str, float] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -106,6 +115,11 @@ class DiscretisationError:
         if self.value == 0.0:
             return 0.0 if self.quantity == 0.0 else float("inf")
         return self.quantity / abs(self.value)
+
+    @property
+    def unseen(self) -> float:
+        """What `round` and `means` come to."""
+        return sum(self.round.values()) + sum(self.means.values())
 
     def __str__(self) -> str:
         worst = max(self.parts, key=lambda name: self.parts[name])
@@ -189,8 +203,19 @@ def discretisation_error(
     seconds = {"dual": solved - began, "recovery": perf_counter() - solved}
     total = sum(found.values(), start=_Errors())
     energy = float(np.sqrt(total.error)) / whole if whole else 0.0
+    size = value if quantity is not None and value is not None else whole**2
+    with agreement(problem.comm):
+        shapes = of_shapes(problem, fields, z, size)
+        means = of_springs(problem, fields, z or fields)
+    if problem.comm is not None:  # all ranks decide alike
+        shapes = {n: each for some in exchanged(problem.comm, shapes) for n, each in some.items()}
+        means = {n: each for some in exchanged(problem.comm, means) for n, each in some.items()}
     if quantity is None:
-        return DiscretisationError(energy, parts, seconds=seconds, cells=cells, norm=whole)
+        squared = max(whole**2, 1e-300)
+        shapes, means = ({n: 0.5 * e / squared for n, e in each.items()} for each in (shapes, means))
+        return DiscretisationError(
+            energy, parts, seconds=seconds, cells=cells, norm=whole, round=shapes, means=means
+        )
     return DiscretisationError(
         energy,
         parts,
@@ -202,6 +227,8 @@ def discretisation_error(
         seconds,
         cells,
         whole,
+        shapes,
+        means,
     )
 
 

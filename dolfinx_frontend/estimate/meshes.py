@@ -22,29 +22,37 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.assemble import assemble, assembled_again
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
-from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough
-from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, complete, errors, not_known
+from dolfinx_frontend.estimate.errors import (
+    FINEST,
+    INTERRUPTED,
+    beside_what_acts,
+    compared_with,
+    complete,
+    errors,
+    not_known,
+)
 from dolfinx_frontend.estimate.finer import finer
+from dolfinx_frontend.estimate.levels import of_two_meshes
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
-from dolfinx_frontend.geometry.finer import cell_sizes
+from dolfinx_frontend.estimate.unseen import of_crossing_chords
+from dolfinx_frontend.estimate.zones import contact_edges, places_of, soft_springs
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos
@@ -54,8 +62,9 @@ __all__ = ["solve_scene"]
 
 _log = logging.getLogger(__name__)
 
-OF_MESHES, OF_MESHES_RANDOM = 0.8, 0.6
-"""Shares of an accuracy that the meshes may use: of one answer, and of one with chaos or samples."""
+OF_MESHES, OF_MESHES_RANDOM = 0.85, 0.6
+"""Shares of an accuracy that the meshes may use, which cost most; and where points answer what is random:
+with a kink the next digit costs them more than a finer mesh."""
 
 OF_ITERATION = 0.02
 """Tolerance of the runs on the way, relative to the accuracy: changes must be those of the meshes."""
@@ -63,7 +72,7 @@ OF_ITERATION = 0.02
 FALL = 0.1
 """Factor by which the error is to fall in one step at most."""
 
-AIM = 0.6
+AIM = 0.4
 """What a step aims at, relative to what the meshes may leave: one more step costs more than a finer one."""
 
 SLOWEST, FASTEST = 0.65, 0.2
@@ -81,23 +90,17 @@ MARGIN = 1.5
 FORGOTTEN = 0.4
 """Weight of a change by those that came after it."""
 
-COARSER = 1.5
-"""Facets of the side with the points, relative to those of the other side, at most."""
-
-RESOLVED = 6
-"""Closed points of a contact zone with an edge, in each direction, at least."""
-
-COVERED = 0.99
-"""Share of a face from which on all of it counts as covered."""
-
 LOST = 1e-5
 """Share of a face that its new mesh does not cover any more, of which it is told."""
 
-FLAT = 1e-6
-"""Difference of normals below which a face is plane."""
+OF_DEVIATION = 1.5
+"""Times the bound of the error of the mean that the one of a deviation is taken for on one mesh."""
 
-CLOSED = 1e-6
-"""Pressure relative to the largest above which a point of an interface counts as closed."""
+MATTERS = 0.2
+"""Share of what the meshes may use from which on what is in no stress gets smaller cells."""
+
+LOST_STEPS, LOST_IN = 3, 0.01
+"""Meshes after which a value is given up that is below this share of its largest, and below its error."""
 
 STEPS = 12
 
@@ -117,6 +120,7 @@ def solve_scene(
     max_unknowns: int | None = None,
     max_seconds: float | None = None,
     progress: bool = True,
+    compared: Compared | None = None,
 ) -> Result | SampleResult:
     """Solve a scene until the error of a quantity is at most `accuracy`, that of its meshes included.
 
@@ -132,6 +136,8 @@ def solve_scene(
         No new mesh that would take longer in all, as far as the last ones tell; None: no limit.
     progress
         A line for each mesh, if on a terminal.
+    compared
+        What errors are relative to; None: as the quantity says.
 
     Returns
     -------
@@ -152,6 +158,7 @@ def solve_scene(
             "solve(assemble(scene), accuracy=..., meshes=False) reduces the other errors"
         )
     search = _Meshes(scene, accuracy, quantity, max_unknowns or MOST_UNKNOWNS, max_seconds, progress)
+    search.compared = compared
     return search.answer(method, times=times, active=active, direction=direction, options=options)
 
 
@@ -181,6 +188,8 @@ class _Meshes:
         self.accuracy, self.asked_for = accuracy, quantity
         self.max_unknowns, self.max_seconds, self.shown = max_unknowns, max_seconds, progress
         self.quantity: Wanted | None = None
+        self.compared: Compared | None = None
+        self.spread: float | None = None
         self.result: Result | None = None
         self.share: ErrorShare | None = None
         self.target = accuracy
@@ -189,11 +198,16 @@ class _Meshes:
         self.notes: list[str] = []
         self.random = False
         self.before: Problem | None = None
+        self.first: Problem | None = None
+        self.of_first: ChaosResult | None = None
         self.chaos: ChaosResult | None = None
         self.norms: list[float] = []
+        self.largest = 0.0
+        self.given_up = False
         self.estimates: list[float] = []
         self.edges: dict[str, Array] = {}
-        self.means: list[str] = []
+        self.unseen: dict[str, float] = {}
+        self.stays: dict[str, float] = {}
         self.began = perf_counter()
 
     def answer(self, method: Method, **settings: Any) -> Result | SampleResult:
@@ -203,7 +217,7 @@ class _Meshes:
             assert self.result is not None
             problem = self.result.problem
             if RandomLaws.of(problem).every:
-                found = solve_to_accuracy(
+                found = self._on_two_meshes(method, settings) or solve_to_accuracy(
                     problem,
                     self.accuracy,
                     self.quantity,
@@ -228,6 +242,16 @@ class _Meshes:
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
         return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
 
+    def _on_two_meshes(self, method: Method, settings: Mapping[str, Any]) -> ChaosResult | None:
+        """The chaos that the first mesh finds, on the last one."""
+        known, last, first = self._of_random(), self.chaos, self.of_first
+        if known is None or last is None or first is None or not isinstance(self.quantity, Resultant):
+            return None
+        assert self.result is not None
+        if last.problem is not self.result.problem:
+            return None
+        return of_two_meshes(first, last, self.accuracy, self.quantity, known, method, settings)
+
     def _of_random(self) -> ErrorShare | None:
         """The error of the meshes, for an answer with a deviation."""
         share = self.share
@@ -242,22 +266,25 @@ class _Meshes:
             if joint.space == "points" and len(joint.faces) == 2 and joint.law.rigid:
                 # which asks for meshes that match, and these may not any more
                 self.scene.interfaces[name] = replace(joint, space="auto")
-        soft = _soft_springs(self.scene, problem)
+        soft = soft_springs(self.scene, problem)
         for name in soft:
             self.scene.interfaces[name] = replace(self.scene.interfaces[name], space="points")
         if any(problem.interfaces[name].space != "points" for name in soft):
             others = {name: each for name, each in problem.interfaces.items() if name not in soft}
             problem = assembled_again(self.scene, replace(problem, interfaces=others))
-        self.quantity = interest(problem.interfaces, self.asked_for)
-        self.notes += _chords(self.scene, problem)
+        self.quantity = compared_with(interest(problem.interfaces, self.asked_for), self.compared)
         self.random = bool(RandomLaws.of(problem).every)
-        self.target = (OF_MESHES_RANDOM if self.random else OF_MESHES) * self.accuracy
+        self.first = problem
+        curved = any(not each.law.linear for each in problem.interfaces.values())
+        self.target = (OF_MESHES_RANDOM if self.random and curved else OF_MESHES) * self.accuracy
         options = settings.pop("options") or (Options.plain() if method == "latin" else Options())
         options = options.with_(rtol=max(OF_ITERATION * self.accuracy, FINEST))
         changed: dict[str, str] = {}
         while True:
             self._solve(problem, changed, method, options=options, **settings)
-            if self._fits() and (not self.random or self._deviation_fits(method, options, settings)):
+            if self._fits() and (
+                not self.random or self.given_up or self._deviation_fits(method, options, settings)
+            ):
                 return
             following = self._finer(problem)
             if following is None:
@@ -291,10 +318,13 @@ class _Meshes:
             return None
         for name, interface in problem.interfaces.items():
             lost = before.interfaces[name].covered - interface.covered
-            note = f"interface {name!r}: two meshes of its round faces do not cover each other; what is left "
-            note += "is free, which is in no error above"
-            if lost > LOST and not any(f"interface {name!r}: two" in each for each in self.notes):
-                self.notes.append(note)
+            if lost > LOST:
+                where = f"interface {name!r}"
+                self.stays[where] = self.stays.get(where, 0.0) + lost
+                self.notes.append(
+                    f"{where}: two meshes of its round faces do not cover each other; the {100 * lost:.2g} % "
+                    "that are left are free, and count as that much of an error"
+                )
         return scene, problem
 
     def _solve(
@@ -307,19 +337,31 @@ class _Meshes:
             problem, plan, estimator=errors, before=before, progress=self.shown
         )
         complete(result)
+        if not self.steps:
+            self.quantity, notes = beside_what_acts(result, self.quantity)
+            self.notes += notes
         found = self._measured(result)
         self.result = result
+        beside = isinstance(self.quantity, Resultant) and self.quantity.compared.deviation
+        if self.random and beside and not self.steps:
+            self.of_first = self._first_chaos(problem, method, options, settings)
+            self.spread = self.of_first.mean_std(self.quantity).std
         value = None if self.quantity is None else result.mean_std(self.quantity).mean
         self.norms.append(found.norm)
+        self.largest = max(self.largest, abs(value or 0.0))
         of_quantity = isinstance(self.quantity, Resultant) and found.quantity is not None
         if of_quantity:
-            estimate = share_of(found.quantity or 0.0, value or 0.0)
-            sure = share_of(found.bound or 0.0, value or 0.0)
+            size = self._size(value)
+            estimate = share_of(found.quantity or 0.0, size)
+            sure = share_of(found.bound or 0.0, size)
         else:
             estimate = sure = found.energy if self.quantity is None else np.nan
+        self._count_unseen(found, value)
+        of_unseen, stays = sum(self.unseen.values()), sum(self.stays.values())
+        estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
-        self.edges, unresolved = _contact_edges(result)
+        self.edges, unresolved = contact_edges(result)
         seen = self._change(value)
         said, how = estimate, "recovered stresses"
         if self.quantity is not None and not of_quantity:
@@ -328,23 +370,26 @@ class _Meshes:
             said, how = seen, "the change from mesh to mesh"
         elif not self.steps and not SURE * sure <= self.target:
             how = "recovered stresses; no second mesh confirms it"
-        said *= MARGIN
-        absolute = None if value is None else said * abs(value)
+        self.rest = MARGIN * said
+        said = MARGIN * (said + stays)
+        if stays > 0.5 * said:
+            how = f"straight cells on round faces of {max(self.stays, key=lambda n: self.stays[n])}"
+        absolute = None if value is None else said * self._size(value)
         energy = said if self.quantity is None else MARGIN * found.energy
+        self.sure = sure
         self.share = ErrorShare(energy, absolute, None, how)
-        self.places = _places(result.problem, found)
+        self.places = places_of(result.problem, found)
         kept = (sum(bool(cost["kept"]) for cost in result.solver.costs), len(result.solver.costs))
         seconds = perf_counter() - self.began
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
-        # nor are what means over an interface leave out, the true shape of a part, a deviation
-        shapes = any(getattr(spec.part, "again", None) for spec in self.scene.substructures.values())
-        self.means = [
-            name
-            for name, i in problem.interfaces.items()
-            if i.space != "points" and len(i.sides) == 2 and i.law.prescribes is None
-        ]
-        alone = SURE * sure <= self.target and not (self.edges or shapes or self.means or self.random)
+        # nor is the shape of a part whose cells turn by more than 45 degrees, nor all that means leave out
+        enough = SURE * (OF_DEVIATION if self.random else 1.0)
+        means = any(
+            each.space != "points" and len(each.sides) == 2 and each.law.prescribes is None
+            for each in problem.interfaces.values()
+        )
+        alone = enough * sure <= self.target and not (self.edges or means or self._of_chords())
         self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
         self.cells = found.cells
         self.said = said
@@ -352,6 +397,26 @@ class _Meshes:
         _log.info("%s", line)
         if self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
+
+    def _count_unseen(self, found: DiscretisationError, value: float | None) -> None:
+        """Relative errors that recovered stresses do not show: of what finer meshes make smaller, and of the
+        chords of parts whose cells can only be cut, which stay."""
+        whole = 1.0 if self.quantity is None or value is None else self._size(value)
+        if found.quantity is None and self.quantity is not None:
+            whole = 1.0  # guided by the energy
+        if not self.steps:
+            assert self.result is not None
+            for name, each in of_crossing_chords(self.result.problem).items():
+                if not getattr(self.scene.substructures[name].part, "again", None):
+                    self.stays[f"part {name!r}"] = each
+        self.unseen = {f"interface {name!r}": share_of(e, whole) for name, e in found.means.items()}
+        for name, error in found.round.items():
+            each, where = share_of(error, whole), f"part {name!r}"
+            if getattr(self.scene.substructures[name].part, "again", None):
+                self.unseen[where] = each
+            else:  # as on the first mesh: pieces of a chord do not turn
+                if not self.steps:
+                    self.stays[where] = self.stays.get(where, 0.0) + each
 
     def _measured(self, result: Result) -> DiscretisationError:
         if isinstance(self.quantity, Resultant):
@@ -362,6 +427,19 @@ class _Meshes:
                 if note not in self.notes:
                     self.notes.append(note)
         return discretisation_error(result)
+
+    def _size(self, value: float | None) -> float:
+        """What an error is relative to: of a deviation, which the first chaos tells, too."""
+        assert self.quantity is not None
+        std = None
+        if self.quantity.compared.deviation and self.spread is not None:
+            std = self.spread
+        return self.quantity.compared.size(value or 0.0, std)
+
+    def _least(self, share: float) -> float:
+        """A deviation that is nothing beside the mean, or beside what it is compared with."""
+        assert self.quantity is not None
+        return max(share * abs(self.steps[-1].value or 0.0), self.quantity.compared.least)
 
     def _change(self, value: float | None) -> float:
         """What the changes from mesh to mesh say of the error that is left; NaN: there is one mesh only.
@@ -375,7 +453,7 @@ class _Meshes:
             changes = np.sqrt(np.abs(np.diff(squares)) / max(squares[-1], 1e-300))
         else:
             values = np.array([*(step.value for step in self.steps), value], dtype=np.float64)
-            changes = np.array([share_of(each, value) for each in np.diff(values)])
+            changes = np.array([share_of(each, self._size(value)) for each in np.diff(values)])
         falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
         falls = np.clip(falls, self._fastest(), SLOWEST)
         left, since = 0.0, 1.0
@@ -387,7 +465,7 @@ class _Meshes:
 
     def _fastest(self) -> float:
         """The least factor by which an error is taken to fall: what is unseen need not do as an estimate."""
-        return AT_EDGES if self.edges or self.means or self._of_chords() else FASTEST
+        return AT_EDGES if self.edges else FASTEST
 
     def _of_chords(self) -> list[str]:
         """Parts of straight cells that may have another shape."""
@@ -402,26 +480,98 @@ class _Meshes:
         if not self.result.converged:
             self.notes.append(f"the meshes were not carried on: the iteration ended as {self.result.status}")
             return True
+        if MARGIN * sum(self.stays.values()) > self.target and self.rest <= self.said - self.rest:
+            worst = max(self.stays, key=lambda n: self.stays[n])
+            self.notes.append(
+                f"{worst}: its straight cells stay on the chords of a round face, which leave "
+                f"{self.stays[worst]:.2g}, more than asked; give a part that can be meshed again "
+                "(geometry.remeshable), or curved cells"
+            )
+            return True
+        if self._cannot_be_told():
+            return self._as_far_as_it_acts()
+        return self.said <= self.target and self.confirmed
+
+    def _cannot_be_told(self) -> bool:
+        """Whether the value is lost in its own error on mesh after mesh: it may be 0."""
+        if self.quantity is None or len(self.steps) < LOST_STEPS:
+            return False
+        values = [abs(step.value or 0.0) for step in self.steps[-LOST_STEPS:]]
+        if min(values) > LOST_IN * max(self.largest, *values) or not self.said > 1.0:
+            return False
+        return True
+
+    def _as_far_as_it_acts(self) -> bool:
+        """Whether the error of a value that may be 0 is small beside what acts; else it is given up."""
+        assert self.result is not None and self.share is not None
+        why = f"cannot be told from 0 (+- {self.share.quantity:.1g})"
+        quantity, notes = beside_what_acts(self.result, self.quantity, LOST_IN, why)
+        if not notes:
+            self.notes.append(
+                f"the value {self.steps[-1].value:.2g} {why}: no error is small relative to it; say what "
+                "matters with absolute=, in its unit"
+            )
+            self.given_up = True
+            return True
+        before = self._size(self.steps[-1].value)
+        self.quantity = quantity
+        share = before / self._size(self.steps[-1].value)
+        self.notes += notes
+        self.said, self.rest, self.sure = (share * each for each in (self.said, self.rest, self.sure))
+        self.estimates = [share * each for each in self.estimates]
+        self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target and self.confirmed
 
     def _deviation_fits(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
-        """Whether the deviation, of a chaos of order 1, changed as little from the last mesh to this one."""
+        """Whether the deviation, of a chaos of order 1, has changed as little since an earlier mesh."""
         assert self.result is not None and self.share is not None
-        if not isinstance(self.quantity, Resultant) or self.before is None or not self.result.converged:
+        if not isinstance(self.quantity, Resultant) or not self.result.converged:
             return True
+        if self.before is None:
+            return self._deviation_alone(method, options, settings)
         try:
-            old = self.chaos or self._first_chaos(self.before, method, options, settings)
+            if self.of_first is None:
+                assert self.first is not None
+                self.of_first = self._first_chaos(self.first, method, options, settings)
+            old, self.chaos = self.chaos, self._first_chaos(self.result.problem, method, options, settings)
+            # the first mesh is the cheapest one, and tells enough if little has changed since
+            left = self._left_of_std(self.of_first, 0)
+            if left > self.target * (self.chaos.mean_std(self.quantity).std or 0.0):
+                if old is None or old.problem is not self.before:
+                    old = self._first_chaos(self.before, method, options, settings)
+                left = min(left, self._left_of_std(old, len(self.steps) - 2))
+        except SceneError as error:
+            self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
+            return True
+        std = self.chaos.mean_std(self.quantity).std or 0.0
+        left = max(left, self.said * std)
+        self.share = replace(self.share, std=left)
+        # of a deviation that is nothing beside the mean: relative to that
+        self.said = max(self.said, share_of(left, max(std, self._least(1e-9))))
+        self.steps[-1] = self.steps[-1]._replace(error=self.said)
+        return self.said <= self.target
+
+    def _left_of_std(self, old: ChaosResult, mesh: int) -> float:
+        """What the change of the deviation since an earlier mesh, by its number, says of what is left."""
+        assert self.chaos is not None and isinstance(self.quantity, Resultant)
+        before, after = (each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos))
+        least = self._fastest() ** (len(self.steps) - 1 - mesh)
+        fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, SLOWEST))
+        return MARGIN * abs(after - before) * fall / (1.0 - fall)
+
+    def _deviation_alone(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
+        """Whether one mesh alone is good enough for a deviation, too: of that no estimate is made, and it is
+        taken for little worse than a bound of the error of the mean."""
+        assert self.result is not None and self.share is not None and isinstance(self.quantity, Resultant)
+        try:
             self.chaos = self._first_chaos(self.result.problem, method, options, settings)
         except SceneError as error:
             self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
             return True
-        found = [each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos)]
-        fall = float(np.clip(self.estimates[-1] / max(self.estimates[-2], 1e-300), self._fastest(), SLOWEST))
-        left = MARGIN * abs(found[1] - found[0]) * fall / (1.0 - fall)
-        left = max(left, self.said * found[1])
-        self.share = replace(self.share, std=left)
-        # of a deviation that is nothing beside the mean: relative to that
-        self.said = max(self.said, share_of(left, max(found[1], 1e-9 * abs(self.steps[-1].value or 0.0))))
+        std = self.chaos.mean_std(self.quantity).std or 0.0
+        of_std = max(self.said, OF_DEVIATION * self.sure)
+        self.share = replace(self.share, std=of_std * std)
+        self.said = max(self.said, of_std)
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target
 
@@ -454,9 +604,17 @@ class _Meshes:
         fall = float(np.clip(AIM * self.target / said, FALL, 0.5))
         if self.quantity is None:
             fall *= fall  # squares of the energy norm
-        unseen = self._of_chords() if len(self.steps) == 1 else []
-        means = self.means if len(self.steps) == 1 else []
-        found = finer(self.scene, problem, self.cells, fall, self.edges, unseen, means)
+        large = [name for name, each in self.unseen.items() if each > MATTERS * self.target]
+        unseen = {n for n in self.scene.substructures if f"part {n!r}" in large}
+        unseen |= set(self._of_chords() if len(self.steps) == 1 else [])
+        means = [n for n in self.scene.interfaces if f"interface {n!r}" in large]
+        parts = problem.substructures
+        for milder in (1.0, 0.5, 0.25):  # what the budget leaves
+            step = fall**milder
+            found = finer(self.scene, problem, self.cells, step, self.edges, unseen, means)
+            size = int(sum(each.size * found.growth.get(name, 1.0) for name, each in parts.items()))
+            if size <= self.max_unknowns or not found.specs:
+                break
         for name, why in found.stuck.items():
             note = f"part {name!r} keeps its mesh: {why}"
             if note not in self.notes:
@@ -464,8 +622,6 @@ class _Meshes:
         if not found.specs:
             self.notes.append("no part can get a finer mesh")
             return None
-        parts = problem.substructures
-        size = int(sum(s.size * found.growth.get(name, 1.0) for name, s in parts.items()))
         if size > self.max_unknowns:
             self.notes.append(
                 f"the budget of {self.max_unknowns} unknowns ends it: the next meshes would have about "
@@ -485,92 +641,3 @@ class _Meshes:
         scene = copy(self.scene)
         scene.substructures.update(found.specs)
         return scene, dict(found.how)
-
-
-def _soft_springs(scene: Scene, problem: Problem) -> list[str]:
-    """Interfaces of springs that are softer than the cells beside them, whose space was left open.
-
-    At points these hold exactly, whatever the meshes; means about vertices leave out how jumps vary between
-    them, which no estimate sees. Stiff springs would lock at points.
-    """
-    found = []
-    for name, spec in scene.interfaces.items():
-        if spec.space != "auto" or spec.overlap != "full" or spec.remote is not None or len(spec.faces) != 2:
-            continue
-        interface, law = problem.interfaces[name], spec.law.nominal
-        if law.elimination is not Elimination.SPRINGS or law.unilateral or not law.linear:
-            continue
-        first, second = (len(_facets(problem, side.substructure, side.face)) for side in interface.sides)
-        size = (interface.area / first) ** (1.0 / (interface.dim - 1))
-        other = (interface.sides[1].area / second) ** (1.0 / (interface.dim - 1))
-        if size > COARSER * other:
-            continue  # between the points nothing would hold the second side
-        modulus = min(problem.parts[side.substructure].modulus for side in interface.sides)
-        if float(law.stiffnesses(interface).max(initial=0.0)) * size < modulus:
-            found.append(name)
-    return found
-
-
-def _chords(scene: Scene, problem: Problem) -> list[str]:
-    """Faces of interfaces that straight cells round off for ever, in words."""
-    parts = {
-        side.substructure
-        for interface in problem.interfaces.values()
-        if np.any(interface.chords)
-        for side in interface.sides
-        if getattr(scene.substructures[side.substructure].part, "again", None) is None
-        and side.flatness > FLAT
-    }
-    return [
-        f"part {name!r}: its straight cells stay on the chords of a round face, which is in no error above; "
-        "give a part that can be meshed again (geometry.remeshable), or curved cells"
-        for name in sorted(parts)
-    ]
-
-
-def _facets(problem: Problem, part: str, face: str) -> Ints:
-    """Facets of a face."""
-    each = problem.substructures[part].part
-    return np.asarray(each.facet_tags.find(each.names[face]), dtype=np.int64)
-
-
-def _contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
-    """Active interface that may open -> its points (k, d) with closed and open ones around; and whether a
-    contact zone has too few points for its shape to be seen."""
-    out, unresolved = {}, False
-    for name in result.plan.active:
-        interface = result.problem.interfaces[name]
-        if not interface.law.unilateral:
-            continue
-        force = np.asarray(result.force(name))
-        normal = force.reshape(-1, *force.shape[-2:])[-1][:, 0]
-        closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
-        if not closed.any() or (closed.all() and interface.covered > COVERED):
-            continue
-        if np.count_nonzero(closed) < RESOLVED ** (interface.dim - 1):
-            unresolved = True
-            out[name] = interface.points[closed]
-            continue
-        count = min(interface.num_points, 3 if interface.dim == 2 else 7)
-        _, around = cKDTree(interface.points).query(interface.points, k=count)
-        mixed = closed[around].any(axis=1) & ~closed[around].all(axis=1)
-        if mixed.any():
-            out[name] = interface.points[mixed]
-    return out, unresolved
-
-
-def _places(problem: Problem, found: DiscretisationError) -> tuple[Place, ...]:
-    """Parts by what their cells contribute, the largest first; those below a hundredth are left out."""
-    sums = {name: float(each.sum()) for name, each in found.cells.items()}
-    total = sum(sums.values())
-    out = []
-    for name in sorted(sums, key=lambda n: -sums[n]):
-        if not sums[name] > 0.01 * total:
-            break
-        mesh = problem.substructures[name].part.mesh
-        worst = int(found.cells[name].argmax())
-        nodes = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[worst], : mesh.geometry.dim]
-        at = tuple(float(v) for v in nodes.mean(axis=0))
-        size = float(cell_sizes(mesh).min())
-        out.append(Place(name, sums[name] / total, at, len(found.cells[name]), size))
-    return tuple(out)

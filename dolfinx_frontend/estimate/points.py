@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from math import comb
 from typing import NamedTuple
 
@@ -42,8 +43,10 @@ __all__ = [
     "Witnesses",
     "calibrated",
     "checked_cold",
+    "kinks_at_ends",
     "lost_of_fields",
     "misfit",
+    "misfit_of_halves",
     "moments_of_sets",
     "panel_points",
     "solved",
@@ -67,6 +70,9 @@ MOST_DEGREE = 4
 
 CHECKED = 4
 """Points that are solved again from nothing, to a hundredth of the tolerance."""
+
+ALONE, OF_ALL = 48, 8
+"""Others that are, each alone, at most, and one of so many."""
 
 AGAIN = 32
 """Points that are solved again to a hundredth of the tolerance, in another order."""
@@ -133,6 +139,39 @@ class Panel(NamedTuple):
     upper: float
     sums: Array  # (3,): 1, value and square of the value, integrated with the density
     error: Array  # (3,): how much they changed when the panel that this is half of was split
+    values: Array  # (POINTS,) of the quantity
+    misfit: Array  # (3,) of the polynomials of that panel at the points of its halves; infinite: not known
+
+
+def misfit_of_halves(parent: Array, halves: Array) -> Array:
+    """(3,) root mean square differences of 1, value and square at the points of both halves of a panel
+    (2 POINTS,) from the polynomials of its own points (POINTS,)."""
+    at, _ = np.polynomial.legendre.leggauss(POINTS)
+    own = np.vander(at, POINTS)
+    beside = np.vander(np.concatenate([0.5 * (at - 1.0), 0.5 * (at + 1.0)]), POINTS)
+    off = [halves**k - beside @ np.linalg.solve(own, parent**k) for k in range(3)]
+    return np.array([float(np.sqrt(np.mean(each**2))) for each in off])
+
+
+def kinks_at_ends(panels: Sequence[Panel]) -> list[Array]:
+    """(3,) errors of the sums over panels by kinks between their last points and their ends.
+
+    No point is there. The polynomials of both sides meet at the kink and differ at the end by the kink times
+    its distance, which is at most that of the last point: half of their product is not integrated.
+    """
+    at, _ = np.polynomial.legendre.leggauss(POINTS)
+    own = np.linalg.inv(np.vander(at, POINTS))
+    of_lower, of_upper = (np.vander([end], POINTS)[0] @ own for end in (-1.0, 1.0))
+    out: list[Array] = [np.zeros(3) for _ in panels]
+    order = sorted(range(len(panels)), key=lambda k: panels[k].lower)
+    for one, other in pairwise(order):
+        left, right = panels[one], panels[other]
+        density = float(np.exp(-0.5 * left.upper**2) / np.sqrt(2.0 * np.pi))
+        off = np.array([abs(of_upper @ left.values**k - of_lower @ right.values**k) for k in range(3)])
+        for k, panel in ((one, left), (other, right)):
+            unseen = 0.5 * (1.0 - float(at[-1])) * (panel.upper - panel.lower)
+            out[k] += 0.5 * unseen * density * off
+    return out
 
 
 def panel_points(panels: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
@@ -271,14 +310,17 @@ def surrogate(
 
 def checked_cold(result: ChaosResult, samples: SampleResult, quantity: Wanted, values: Array) -> float:
     """Root mean square difference of some points to the same points solved again to a hundredth of the
-    tolerance, the most important ones from nothing; NaN: one of these did not converge."""
+    tolerance, the most important ones and some others from nothing; NaN: one of these did not converge."""
     weights = samples.probabilities
     weight = np.abs(weights) * (values - weights @ values) ** 2
     ranked = np.argsort(-weight, kind="stable")
     rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
     away = []
     groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
-    some = ranked[CHECKED :: max(1, (len(ranked) - CHECKED) // AGAIN)]
+    others = ranked[CHECKED:]
+    alone = min(ALONE, len(others) // OF_ALL)
+    groups += [point for point in np.random.default_rng(len(ranked)).permutation(others)[:alone, None]]
+    some = others[:: max(1, len(others) // AGAIN)]
     if len(some):
         groups.append(some)
     for chosen in groups:

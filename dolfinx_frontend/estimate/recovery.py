@@ -248,6 +248,19 @@ class Recovery:
                 out[i, j] = fem.assemble_vector(form).array[place] if j >= i else out[j, i]
         return out
 
+    def products(self, u: Array, z: Array) -> Array:
+        """(cells,) a(u, z) of solutions (n,) themselves, force * length."""
+        form, (g, w, h, v), place = self._form
+        w.x.array[:], v.x.array[:] = u, z
+        g.x.array[:] = h.x.array[:] = 0.0
+        return np.asarray(fem.assemble_vector(form).array[place])
+
+    def volumes(self) -> Array:
+        """(cells,) volumes, or areas in 2D, of straight cells."""
+        kind = basix.CellType[self.cell]
+        whole = float(quadrature(kind, 1)[1].sum())
+        return np.asarray(whole / np.abs(np.linalg.det(self.inverse)).mean(axis=1))
+
     @cached_property
     def _form(self) -> tuple[Any, tuple[Any, Any, Any, Any], Ints]:
         """The material's form of the errors of two gradients, its coefficients, the entry of each cell."""

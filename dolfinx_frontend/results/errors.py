@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.results.resultant import Interest, Wanted
+from dolfinx_frontend.results.resultant import Compared, Interest, Wanted
 
 __all__ = [
     "Continuation",
@@ -160,7 +160,7 @@ class Errors:
             return 0.0
         if self.quantity is None or self.moments is None or share.quantity is None:
             return share.energy
-        parts = [share_of(share.quantity, self.moments.mean)]
+        parts = [share_of(share.quantity, self.quantity.compared.size(*self.moments))]
         if share.std is not None and self.whole is not None:
             parts.append(share_of(share.std, self.whole))
         return max(parts)
@@ -192,6 +192,8 @@ class Errors:
     def __str__(self) -> str:
         where = "energy norm" if self.quantity is None else str(self.quantity)
         lines = [f"errors in the {where}" + (f", asked {self.asked:g}" if self.asked else "")]
+        if self.quantity is not None and self.quantity.compared != Compared():
+            lines[0] += f" {self.quantity.compared}"
         if self.moments is not None:
             spread = "" if self.moments.std is None else f", standard deviation {self.moments.std:.6g}"
             lines[0] += f" (value {self.moments.mean:.6g}{spread})"

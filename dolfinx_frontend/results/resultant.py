@@ -19,10 +19,38 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Interest", "Measure", "Quantile", "Resultant", "Wanted", "asked", "interest"]
+__all__ = ["Compared", "Interest", "Measure", "Quantile", "Resultant", "Wanted", "asked", "interest"]
 
 Of = Literal["force", "jump"]
 _COMPONENTS = ("normal", "shear1", "shear2")
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What errors of a quantity are relative to: its mean, and its deviation, unless this says otherwise.
+
+    Attributes
+    ----------
+    least
+        Size that both count as at least, in the unit of the quantity: beside it a small number is nothing.
+    deviation
+        Whether errors of the mean are relative to the deviation, too.
+    """
+
+    least: float = 0.0
+    deviation: bool = False
+
+    def size(self, mean: float, std: float | None) -> float:
+        """What an error of the mean is relative to."""
+        return max(std if self.deviation and std else abs(mean), self.least)
+
+    def __str__(self) -> str:
+        to = "the deviation" if self.deviation else "itself"
+        return f"relative to {to}" + (f", or to {self.least:.3g} if that is more" if self.least else "")
+
+
+def _itself() -> Any:
+    return field(default=Compared(), kw_only=True, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -38,6 +66,8 @@ class Resultant:
         w2 - w1 (length).
     component
         0 is normal (tension > 0), 1 and 2 are tangential, in the local frames of the points.
+    compared
+        What its errors are relative to; ``solve(..., absolute=, relative_to=)`` sets it.
 
     Raises
     ------
@@ -48,6 +78,7 @@ class Resultant:
     interface: str
     of: Of = "force"
     component: int = 0
+    compared: Compared = _itself()
 
     @property
     def needs_states(self) -> bool:
@@ -134,10 +165,13 @@ class Measure:
         Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times.
     name
         For tables and messages.
+    compared
+        What its errors are relative to; ``solve(..., absolute=, relative_to=)`` sets it.
     """
 
     function: Callable[[Any], Any] = field(repr=False)
     name: str = "quantity"
+    compared: Compared = _itself()
 
     def __post_init__(self) -> None:
         wanted = "give a function of the fields of n samples that returns (n,) values"
@@ -183,10 +217,13 @@ class Quantile:
         A :class:`Resultant`, a function of the fields, or the name of an interface (its normal force).
     level
         The probability, in (0, 1).
+    compared
+        What its errors are relative to; ``solve(..., absolute=, relative_to=)`` sets it.
     """
 
     of: Resultant | Measure | Callable[[Any], Any] | str
     level: float
+    compared: Compared = _itself()
 
     def __post_init__(self) -> None:
         checked_number("Quantile", "level", self.level, above=0.0, below=1.0)

@@ -12,6 +12,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.points import Panel, kinks_at_ends, misfit_of_halves, panel_points
 from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.reference.energy import energy_error
 from dolfinx_frontend.results.resultant import Resultant
@@ -175,3 +176,31 @@ def test_bad_accuracy_is_refused(vessel):
         solve(vessel, quantity="joint")
     with pytest.raises(SceneError, match="nowhere"):
         solve(vessel, accuracy=1e-2, quantity="nowhere")
+
+
+@pytest.mark.parametrize("place", [0.0, 0.02, 0.31, 0.985])
+def test_kinks_anywhere_in_a_piece_of_a_germ_are_seen(place: float) -> None:
+    """Four points of a piece miss a kink beside its ends; then neighbours do not meet there."""
+    kink = 0.5 * place  # in the normal score; pieces of length 0.5
+    ends = [(0.5 * k, 0.5 * (k + 1)) for k in range(-4, 4)]
+    z, weights = panel_points(ends)
+
+    def f(z):
+        return np.maximum(z - kink, 0.0)
+
+    unknown = np.full(3, np.inf)
+    panels = [
+        Panel(*end, np.array([float(w @ f(at) ** k) for k in range(3)]), unknown, f(at), unknown)
+        for end, at, w in zip(ends, z, weights, strict=True)
+    ]
+    fine = np.linspace(-2.0, 2.0, 400_001)
+    density = np.exp(-0.5 * fine**2) / np.sqrt(2.0 * np.pi)
+    off = abs(float(np.trapezoid(f(fine) * density, fine)) - sum(p.sums[1] for p in panels))
+    seen = float(sum(error[1] for error in kinks_at_ends(panels)))
+    k = int(np.floor(kink / 0.5)) + 4
+    halves, _ = panel_points([(ends[k][0], sum(ends[k]) / 2), (sum(ends[k]) / 2, ends[k][1])])
+    inside = misfit_of_halves(panels[k].values, f(halves.ravel()))[1] * panels[k].sums[0]
+    assert off < 1e-9 + seen + 0.3 * inside
+    # a smooth function has neither
+    smooth = [p._replace(values=np.cos(at)) for p, at in zip(panels, z, strict=True)]
+    assert sum(error[1] for error in kinks_at_ends(smooth)) < 1e-5

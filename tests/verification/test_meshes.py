@@ -13,6 +13,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble, assembled_again
 from dolfinx_frontend.common.compat import cell_nodes, create_mesh
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
 from dolfinx_frontend.geometry import SizeField, from_gmsh, gmsh_session, remeshable
 from dolfinx_frontend.geometry.parts import Part, located
 from dolfinx_frontend.results.resultant import Measure, Resultant
@@ -128,6 +129,79 @@ def test_lame_rings_on_their_true_geometry(order: int, accuracy: float) -> None:
     made = result.errors()
     assert made.reached
     assert abs(result.mean_std("fit").mean / exact - 1.0) <= accuracy
+
+
+@pytest.mark.parametrize("kappa", [2e2, 2e3])
+def test_chords_of_parts_that_cannot_be_meshed_again_are_in_the_sum(kappa: float) -> None:
+    """Rings of straight cells: their polygons are what finer cells converge to, not the rings."""
+    scene, exact = pressed(1, kappa, 1e-3)
+    for spec in scene.substructures.values():
+        object.__setattr__(spec.part, "again", None)
+    result = solve(assemble(scene))
+    found = discretisation_error(result, "fit")
+    assert found.quantity is not None and found.value is not None
+    off = abs(result.mean_std("fit").mean / exact - 1.0)
+    # stresses do not show it; what normals say of it is right to a factor of two
+    assert found.quantity < 0.1 * off * abs(exact)
+    assert 0.5 * off < sum(found.round.values()) / abs(found.value) < 2.0 * off
+    made = solve(scene, accuracy=1e-2, quantity="fit", progress=False).errors()
+    assert not made.reached and any("chords" in note for note in made.notes)
+    assert abs(made.moments.mean / exact - 1.0) < 1.2 * made.in_all
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_springs_on_means_leave_out_what_varies_between_vertices(count: int) -> None:
+    """A beam on another one, springs between, on a bed: against springs at points on finer meshes."""
+
+    def force(n: int, m: int, space: str) -> tuple[float, DiscretisationError]:
+        scene = Scene()
+        for name, y, k in (("a", 0.0, n), ("b", 1.0, m)):
+            part = geometry.box((4.0, 1.0), (4 * k, k), (0.0, y), "triangle")
+            scene.substructure(name, part, STEEL, degree=2)
+        scene.interface("i", "a:y1", "b:y0", Elastic(normal=1e3, tangential=1e3), space=space)
+        scene.interface("bed", "a:y0", Elastic(normal=1e3, tangential=1e3))
+        scene.fix("a:x0")
+        scene.traction("b:x1", (0.0, -1.0))
+        result = solve(assemble(scene))
+        return result.mean_std("bed").mean, discretisation_error(result, "bed")
+
+    fine, _ = force(12, 12, "points")
+    value, found = force(count, count + 1, "mortar")
+    assert found.quantity is not None
+    off = abs(value - fine)
+    assert found.quantity < 0.6 * off  # without them
+    assert 0.5 * off < found.quantity + found.unseen < 2.0 * off
+
+
+def test_a_value_that_is_zero_is_compared_with_what_acts() -> None:
+    scene = Scene()
+    for name, y in (("a", 0.0), ("b", 1.0)):
+        scene.substructure(name, geometry.box((2.0, 1.0), (4, 2), (0.0, y), "triangle"), STEEL)
+    stiff = LogNormal("k", mean=100.0, cov=0.2)
+    scene.interface("i", "a:y1", "b:y0", Elastic(normal=stiff, tangential=stiff))
+    scene.fix("a:y0")
+    scene.traction("b:y1", (0.0, -1.0))
+    shear = Resultant("i", component=1)
+    for answer in (
+        solve(scene, accuracy=1e-2, quantity=shear, progress=False),
+        solve(assemble(scene), accuracy=1e-2, quantity=shear),
+    ):
+        made = answer.errors()
+        assert made.reached and any("rounding beside the force of 2" in note for note in made.notes)
+        assert "or to 2 if that is more" in str(made)
+
+
+def test_what_matters_can_be_said_in_the_unit_of_the_quantity() -> None:
+    close = solve(corner_scene(), accuracy=1e-3, quantity="joint", progress=False)
+    far = solve(corner_scene(), accuracy=1e-3, quantity="joint", absolute=3e-3, progress=False)
+    made = far.errors()
+    assert made.reached and len(made.steps) < len(close.errors().steps)
+    assert abs(far.mean_std("joint").mean - CORNER) < 3e-3
+    assert "relative to itself, or to 3 if that is more" in str(made)
+    with pytest.raises(SceneError, match="go with an accuracy of a quantity"):
+        solve(corner_scene(), accuracy=1e-3, absolute=1.0)
+    with pytest.raises(SceneError, match="absolute"):
+        solve(corner_scene(), accuracy=1e-3, quantity="joint", absolute=-1.0)
 
 
 def chain() -> Scene:
