@@ -121,6 +121,7 @@ def errors(
                 * np.sqrt([norms.stiffness[p].diagonal().sum(), norms.on_faces[p].diagonal().sum()])
                 for p in parts
             )
+            least = least + 10.0 * EPS * reach * np.array([norms.of_springs(parts), 0.0])
             for g, group in enumerate(groups):
                 wrong = {
                     p: np.asarray(found[k][p])[:, group] - answer.fields[p][:, group] for p in parts
@@ -187,6 +188,8 @@ def spread(
             * np.sqrt([norms.stiffness[p].diagonal().sum(), norms.on_faces[p].diagonal().sum()])
             for p in parts
         )
+        reach = max(float(np.abs(exact[p]).max()) for p in parts)
+        bound = bound + 10.0 * EPS * reach * np.array([norms.of_springs(parts), 0.0])
         mean_size = norms.over(parts, means[0])
         for what, (e, m) in (("mean", means), ("fluctuation", rest)):
             size, away = norms.over(parts, e), norms.over(parts, {p: m[p] - e[p] for p in parts})

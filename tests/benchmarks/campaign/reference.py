@@ -127,6 +127,15 @@ class Norms:
                 squares[0] += np.einsum("i,ic->", stiffness, jump.reshape(len(stiffness), -1) ** 2)
         return np.sqrt(squares)
 
+    def of_springs(self, names: Sequence[str]) -> float:
+        """Square root of the energy of assembled springs whose ends move by one against each other."""
+        energy = 0.0
+        for jumps, stiffness in self.springs:
+            if next(iter(jumps)) in names:
+                reach = sum(np.asarray(abs(of_part).sum(axis=1)).ravel() for of_part in jumps.values())
+                energy += float(stiffness @ reach**2)
+        return float(np.sqrt(energy))
+
     def add_springs(self, jumps: Mapping[str, sp.csr_matrix], stiffness: Array) -> None:
         """Springs (m,) that a run has assembled into its parts, by the jump (m, n) of every part."""
         self.springs.append((dict(jumps), stiffness))
