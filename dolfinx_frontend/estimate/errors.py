@@ -124,15 +124,11 @@ def beside_what_acts(
     if not isinstance(quantity, Resultant) or quantity.compared.least > 0.0:
         return quantity, ()
     try:
-        field, weights = quantity.field(result), result.problem.interfaces[quantity.interface].weights
         value = result.mean_std(quantity)
     except SceneError:
         return quantity, ()
-    if field.ndim < 2 or field.shape[-2] != len(weights):
-        return quantity, ()
-    field = field.reshape(-1, *field.shape[-2:])
-    whole = float((np.linalg.norm(field, axis=-1) @ weights).max())
-    whole = whole if quantity.of == "force" else whole / float(weights.sum())
+    # ranks that do not have the interface know nothing of it
+    whole = over_ranks(result, _without_signs(result, quantity), max)
     if not max(abs(value.mean), value.std or 0.0) < below * whole:
         return quantity, ()
     what = "force" if quantity.of == "force" else "jump"
@@ -141,6 +137,19 @@ def beside_what_acts(
         "without signs: errors are relative to that; give absolute= to say what matters"
     )
     return replace(quantity, compared=replace(quantity.compared, least=whole)), (note,)
+
+
+def _without_signs(result: Result, quantity: Resultant) -> float:
+    """Force or mean jump of an interface without signs, the largest of all columns; 0 where it is not known."""
+    try:
+        field, weights = quantity.field(result), result.problem.interfaces[quantity.interface].weights
+    except (SceneError, KeyError):
+        return 0.0
+    if field.ndim < 2 or field.shape[-2] != len(weights):
+        return 0.0
+    field = field.reshape(-1, *field.shape[-2:])
+    whole = float((np.linalg.norm(field, axis=-1) @ weights).max())
+    return whole if quantity.of == "force" else whole / float(weights.sum())
 
 
 def change_of(one: MeanStd, other: MeanStd, rtol: float, quantity: Wanted | None = None) -> float:
