@@ -113,8 +113,8 @@ class Scatter {
   /// Of all bodies and ranks, the largest errors so far over their largest relative to the scatter. Collective.
   [[nodiscard]] double of_largest_error() const {
     const double relative_error = relative(errors_);
-    const double error = structure_.communicator().largest(
-        errors_.size() > 0 ? errors_.maxCoeff() : 0.0);
+    const double error =
+        structure_.communicator().largest(errors_.size() > 0 ? errors_.maxCoeff() : 0.0);
     return relative_error > 0.0 && std::isfinite(relative_error) ? error / relative_error : least();
   }
 

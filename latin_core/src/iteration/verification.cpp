@@ -329,9 +329,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         }
         distance_ = seen_distance(whole, better_, state);
         // a little more than the tolerance may be as well a little less: it is a bound
-        Matrix least_error =
-            linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)
-                .cwiseMax(hidden);
+        Matrix least_error = linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)
+                                 .cwiseMax(hidden);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
@@ -341,8 +340,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                     rounding && everywhere((rest.array() <= least_error.array().max(rtol)).all())};
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
-          const Matrix seen =
-              (seen_distance(whole, better_, from) + ahead).cwiseMax(least_error);
+          const Matrix seen = (seen_distance(whole, better_, from) + ahead).cwiseMax(least_error);
           if (largest(seen) <= rtol && linear_->imbalance(stages_.laws(), from, residual_before) <=
                                            bearable_imbalance * rtol) {
             found.errors_better = seen;

@@ -102,8 +102,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       double strain = least(whole.strain, error.strain(g, b));
       const bool ignored = counts == Noise::ignored;
       // where nothing holds a body no work tells rounding of a rigid motion, which is a product of it, from a strain
-      const double of_motion =
-          metric(b) > 0.0 ? whole.trace(g, b) / metric(b) * stiffness(b) : 0.0;
+      const double of_motion = metric(b) > 0.0 ? whole.trace(g, b) / metric(b) * stiffness(b) : 0.0;
       const bool strained = strain > strain_free * beside(whole.work, no_strain) &&
                             (ignored || strain > std::max(rounding * of_motion,
                                                           square(above_rounding) * strain_noise));
@@ -125,7 +124,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       const double strain_none =
           ignored ? strain_noise
                   : square(own_rounding) * std::max(whole.strain(history, b).maxCoeff(),
-                                                whole.work(history, b).maxCoeff());
+                                                    whole.work(history, b).maxCoeff());
       const double of_trace = error.trace(g, b) <= trace_none ? 0.0 : error.trace(g, b) / moved;
       const double of_strain =
           !strained || error.strain(g, b) <= strain_none ? 0.0 : error.strain(g, b) / strain;

@@ -40,9 +40,8 @@ struct Whole {
   substructure::Yardstick yardstick;
 
   /// Relative errors (groups, bodies) of which these are the sizes.
-  [[nodiscard]] Matrix relative(
-      const substructure::Sizes& error,
-      substructure::Noise noise = substructure::Noise::ignored) const {
+  [[nodiscard]] Matrix relative(const substructure::Sizes& error,
+                                substructure::Noise noise = substructure::Noise::ignored) const {
     return yardstick.relative(error, sizes, noise);
   }
 };

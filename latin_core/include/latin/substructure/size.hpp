@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+
 #include "latin/substructure/structure.hpp"
 
 namespace latin::substructure {

@@ -156,11 +156,11 @@ class Tangent {
   Vector areas_;                  ///< (unknowns)
   Vector flexibility_;            ///< (unknowns)
   bool softened_ = false;
-  Vector rigid_;                  ///< what slopes are reduced by, (unknowns)
-  Vector springs_;                ///< the same at most, where there are stiff springs
-  Matrix slopes_;                 ///< of the last factorisation
-  Index most_components_;         ///< columns of these
-  SparseRows tangent_;            ///< W K, (unknowns, unknowns)
+  Vector rigid_;           ///< what slopes are reduced by, (unknowns)
+  Vector springs_;         ///< the same at most, where there are stiff springs
+  Matrix slopes_;          ///< of the last factorisation
+  Index most_components_;  ///< columns of these
+  SparseRows tangent_;     ///< W K, (unknowns, unknowns)
   // what a correction takes beside the factor: (active, rows), (rows, active), (rows, rows)
   SparseRows load_;
   SparseRows of_answer_;
