@@ -140,7 +140,7 @@ def beside_what_acts(
 
 
 def _without_signs(result: Result, quantity: Resultant) -> float:
-    """Force or mean jump of an interface without signs, the largest of all columns; 0 where it is not known."""
+    """Force or mean jump of an interface without signs, of all columns the largest; 0: not known."""
     try:
         field, weights = quantity.field(result), result.problem.interfaces[quantity.interface].weights
     except (SceneError, KeyError):
