@@ -299,7 +299,8 @@ def solve(
     try:
         return solve_once(problem, plan, start, callback, progress, errors, others)
     except NumericalError:
-        if start is not None or len(plan.active) == len(problem.interfaces):
+        # on several ranks the others may not have failed
+        if start is not None or problem.comm is not None or len(plan.active) == len(problem.interfaces):
             raise
         kept = _with_all_kept(problem, method, callback, progress, errors, **settings)
         if kept is None:
