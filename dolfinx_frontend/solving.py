@@ -323,7 +323,8 @@ def _with_all_kept(
         result = solve_once(problem, plan, None, callback, progress, errors)
     except (SceneError, NumericalError):
         return None
-    if result.status not in ("converged", "inexact", "interrupted"):
+    known = result.status == "inexact" and result.error < _STILL_AN_ANSWER
+    if not known and result.status not in ("converged", "interrupted"):
         return None
     if problem.rank == 0:
         _log.warning("parts that are joined do not factorise together: all interfaces are kept")
@@ -349,6 +350,8 @@ def _compared(
 
 
 _log = logging.getLogger(__name__)
+_STILL_AN_ANSWER = 0.3
+"""An inexact answer whose error is below this says more than an exception."""
 _SOFTER = 0.1
 """A search direction that suits soft contacts, where the default does not do."""
 
