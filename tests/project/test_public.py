@@ -61,6 +61,7 @@ from dolfinx_frontend import (
     read_step,
     reliability,
     report,
+    screen,
     solve,
     sweep,
 )
@@ -169,7 +170,8 @@ def questions(problem: Any) -> list[Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         rare = reliability(problem, event, "monte carlo", most=100)
-    return [function, found, event, Response("layer"), fit, posterior, rare]
+    screened = screen(problem, "layer", points=8)
+    return [function, found, event, Response("layer"), fit, posterior, rare, screened]
 
 
 @pytest.fixture(scope="module")

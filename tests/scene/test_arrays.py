@@ -118,6 +118,7 @@ INPUTS: dict[str, tuple[Given, Callable[..., Any]]] = {
     ),
     "chaos.sample": ((array(3, 2), array(3)), lambda a, b: chaos().sample(a, b, "quadrature")),
     "FromSamples": ((array(60),), lambda a: lf.FromSamples("k", a)),
+    "fit_distribution": ((array(60),), lambda a: lf.fit_distribution("k", a, ["normal"], resamples=19)),
     "Correlated": (
         (np.array([[1.0, 0.5], [0.5, 1.0]]),),
         lambda a: lf.Correlated([lf.Normal("a", 1.0, cov=0.1), lf.Normal("b", 1.0, cov=0.1)], a),
@@ -131,6 +132,7 @@ NO_ARRAYS = (
     "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
     "export geometry io "
     "load make_plan monte_carlo progress quasi_monte_carlo read_step reference sparse_quadrature "
+    "DistributionFit Report Screening report screen "
     "Evaluation Event Fit KinkWarning Posterior ProblemFunction Reliability Response reliability "
     "Measure Quantile tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
 )
