@@ -23,6 +23,8 @@ __all__ = ["Cost", "blocks_fit", "interface_unknowns", "newton_is_dense", "predi
 
 _DIRECTIONS = 120
 """Directions that the kernel's ``Subspace`` keeps at most."""
+_BLOCKS_BESIDE_NEWTON = 10.0
+"""Blocks of all time steps that are kept beside the history of the iteration (measured)."""
 _STEPS_BESIDE_NEWTON = 2
 """Depth that the history of the acceleration reaches before Newton's method takes over."""
 
@@ -186,6 +188,8 @@ def predict(
     if newton:
         # directions with their traces and residuals
         of_newton += 4.0 * _DIRECTIONS * rows
+        if columns > 1:
+            of_newton += _BLOCKS_BESIDE_NEWTON * rows * columns
         depth = min(depth, _STEPS_BESIDE_NEWTON)
     history = 8.0 * rows * columns * (6.0 + 3.0 * depth)
     return Cost(
