@@ -1,6 +1,6 @@
 """A pipe flange from a STEP file: eight bolts tightened in turn, pressure, and the probability of a leak.
 
-    ./run python demos/flange_from_step.py           35 parts, 94 000 unknowns, a minute and a half
+    ./run python demos/flange_from_step.py           35 parts, 94 000 unknowns, two and a half minutes
     ./run python demos/flange_from_step.py --quick   a coarse mesh, 16 samples
 
 Problem
