@@ -302,7 +302,7 @@ def solve(
         # on several ranks the others may not have failed
         if start is not None or problem.comm is not None or len(plan.active) == len(problem.interfaces):
             raise
-        kept = _with_all_kept(problem, method, callback, progress, errors, **settings)
+        kept = _with_all_kept(problem, method, callback, progress, **settings)
         if kept is None:
             raise
         return kept
@@ -313,7 +313,6 @@ def _with_all_kept(
     method: Method,
     callback: Callable[[Iteration], None] | None,
     progress: bool,
-    errors: Any,
     **settings: Any,
 ) -> Result | None:
     """Parts whose joined matrix does not factorise, for their moduli differ too much, solved one by one, as

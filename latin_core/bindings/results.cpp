@@ -112,9 +112,9 @@ void bind_results(py::module_& m) {
                     "are modes, the "
                     "mean and the fluctuation of each.")
       .def_readonly("scatter", &Summary::scatter,
-                    "Of a sample: least scatter of the displacements of a body between the samples "
-                    "so far, relative "
-                    "to their size; 1 where it is not asked for or not known.")
+                    "Of a sample: scatter of the body between the samples so far, relative to its "
+                    "size, whose errors are the largest relative to it; 1 where it is not asked "
+                    "for or not known.")
       .def_readonly("indicator", &Summary::indicator, "The paper's indicator.")
       .def_readonly("energy", &Summary::energy,
                     "u^T K u of the bodies with the springs assembled into them, all columns.")

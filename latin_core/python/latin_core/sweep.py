@@ -87,7 +87,7 @@ class SweepPoints:
     states
         (points, 2, rows, columns): s and w of every point, if asked for.
     scatter
-        Of samples: least scatter of the displacements of a body, relative to their size.
+        Of samples: scatter of the body, relative to its size, whose errors are the largest relative to it.
     """
 
     iterations: npt.NDArray[np.int64]

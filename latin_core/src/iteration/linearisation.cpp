@@ -199,8 +199,7 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
 const Matrix& Linearisation::rounding(const substructure::Laws& laws, const State& state,
                                       ConstMatrixRef amplitudes, const Whole& whole) {
   if (rounding_.rows() != whole.sizes.strain.rows()) {
-    const substructure::Sizes sizes = rounding_sizes(laws, state, amplitudes);
-    rounding_ = whole.relative(sizes).cwiseMax(whole.relative(sizes, substructure::Noise::counted));
+    rounding_ = whole.relative_with_noise(rounding_sizes(laws, state, amplitudes));
   }
   return rounding_;
 }

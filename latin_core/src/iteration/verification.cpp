@@ -12,7 +12,6 @@
 namespace latin::iteration {
 namespace {
 
-using substructure::Noise;
 using substructure::Tangent;
 
 /// Steps at most, and how many of them the next is combined with.
@@ -183,12 +182,14 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
     linear_->correct(left, moved_on);
     const Matrix next = whole.relative(gauge_.of_difference(left, moved_on));
     const double least = negligible * rtol / most_left;
-    if (!everywhere((next.array() <= (of_step_left * ahead.array()).max(least)).all())) {
+    // tangents of another set leave as much as their stiffnesses differ
+    const double left_over = std::max(of_step_left, 1.0 - 1.0 / spread);
+    if (!everywhere((next.array() <= (left_over * ahead.array()).max(least)).all())) {
       return std::nullopt;
     }
     ahead += next;
   }
-  ahead = ahead.cwiseMax(whole.relative(difference, Noise::counted));
+  ahead = ahead.cwiseMax(whole.relative_with_noise(difference));
   if (!(spread * largest(ahead) <= rtol)) {
     rounding_decides_ = true;  // or an error in its shadow, which a step will mend
     return std::nullopt;
@@ -274,8 +275,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     const substructure::Sizes difference = gauge_.of_difference(step, moved_);
     Matrix ahead = whole.relative(difference);
     // an error next to rounding of others is mended by a step, or rounding itself
-    const Matrix seen_ahead = whole.relative(difference, Noise::counted);
-    const Matrix hidden = (seen_ahead.array() > ahead.array()).select(seen_ahead, 0.0);
+    const Matrix with_noise = whole.relative_with_noise(difference);
+    const Matrix hidden = (with_noise.array() > ahead.array()).select(with_noise, 0.0);
     if (history_.size() > 0) {
       // a combination of steps may go nowhere although the residual is not small
       Matrix plain = residual_;
@@ -327,7 +328,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           rest *= of_other_branch;
           ahead *= of_other_branch;
         }
-        distance_ = seen_distance(whole, better_, state);
+        distance_ = whole.relative_with_noise(gauge_.of_distance(better_, state));
         // a little more than the tolerance may be as well a little less: it is a bound
         Matrix least_error = linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)
                                  .cwiseMax(hidden);
@@ -340,7 +341,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                     rounding && everywhere((rest.array() <= least_error.array().max(rtol)).all())};
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
-          const Matrix seen = (seen_distance(whole, better_, from) + ahead).cwiseMax(least_error);
+          const Matrix seen =
+              (whole.relative_with_noise(gauge_.of_distance(better_, from)) + ahead)
+                  .cwiseMax(least_error);
           if (largest(seen) <= rtol && linear_->imbalance(stages_.laws(), from, residual_before) <=
                                            bearable_imbalance * rtol) {
             found.errors_better = seen;
@@ -364,12 +367,6 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                   better_.traces - from.traces);
   }
   return std::nullopt;
-}
-
-/// Relative distance of two states, also where it is next to rounding.
-Matrix Verification::seen_distance(const Whole& whole, const State& one, const State& other) const {
-  const substructure::Sizes distance = gauge_.of_distance(one, other);
-  return whole.relative(distance).cwiseMax(whole.relative(distance, Noise::counted));
 }
 
 /// Whether the laws have tangents that are alike at the end of a step from the better iterate, which was not taken.

@@ -10,7 +10,7 @@ namespace {
 constexpr double strain_free = 1e-14;
 /// Rounding of displacements and forces, relative to the largest ones.
 constexpr double rounding = 1e-14;
-/// The same of the body's own largest step.
+/// The same of the body's own largest step, in which forces of interfaces may cancel.
 constexpr double own_rounding = 1e-13;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
@@ -117,7 +117,6 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       if (moved <= square(above_rounding) * noise) {
         moved = farthest;
       }
-      // infinite where nothing moves; what is NaN stays NaN
       // the body's own largest step leaves rounding in all
       const double trace_none =
           ignored ? noise : square(own_rounding) * whole.trace(history, b).maxCoeff();
@@ -125,6 +124,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
           ignored ? strain_noise
                   : square(own_rounding) * std::max(whole.strain(history, b).maxCoeff(),
                                                     whole.work(history, b).maxCoeff());
+      // infinite where nothing moves; what is NaN stays NaN
       const double of_trace = error.trace(g, b) <= trace_none ? 0.0 : error.trace(g, b) / moved;
       const double of_strain =
           !strained || error.strain(g, b) <= strain_none ? 0.0 : error.strain(g, b) / strain;

@@ -422,12 +422,12 @@ def compare(
         nonlinear = how == "two tight runs" if case.kind == "chaos" else bool(model.rows)
         if nonlinear and max((e.true for e in mine), default=0.0) > 0.3 * FACTOR * max(found.said[k], 1e-14):
             # where friction or softening allow several answers, the nearest counts
-            for at_rest in ((), answers) if case.kind != "chaos" else ((),):
+            for cold in ((), answers) if case.kind != "chaos" else ((),):
                 try:
                     if case.kind == "chaos":
                         nearest = tight_truth(case, problem, found, same=True)[k]
                     else:
-                        nearest = truth(case, problem, found, model, k, values[k], warm=True, cold=at_rest)
+                        nearest = truth(case, problem, found, model, k, values[k], warm=True, cold=cold)
                     warm = errors_of(nearest)
                 except Unsolved:
                     continue

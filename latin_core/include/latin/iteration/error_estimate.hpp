@@ -40,9 +40,13 @@ struct Whole {
   substructure::Yardstick yardstick;
 
   /// Relative errors (groups, bodies) of which these are the sizes.
-  [[nodiscard]] Matrix relative(const substructure::Sizes& error,
-                                substructure::Noise noise = substructure::Noise::ignored) const {
-    return yardstick.relative(error, sizes, noise);
+  [[nodiscard]] Matrix relative(const substructure::Sizes& error) const {
+    return yardstick.relative(error, sizes);
+  }
+  /// The same with what is next to rounding of the displacements of other bodies.
+  [[nodiscard]] Matrix relative_with_noise(const substructure::Sizes& error) const {
+    return relative(error).cwiseMax(
+        yardstick.relative(error, sizes, substructure::Noise::counted));
   }
 };
 

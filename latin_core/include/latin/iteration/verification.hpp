@@ -86,8 +86,6 @@ class Verification {
   [[nodiscard]] bool everywhere(bool holds) const;
   [[nodiscard]] std::optional<Found> at_once(const State& state, const Matrix& residual,
                                              const Whole& whole, double rtol, double spread);
-  [[nodiscard]] Matrix seen_distance(const Whole& whole, const State& one,
-                                     const State& other) const;
   [[nodiscard]] bool stays_in_branch(const Matrix& step) const;
   /// Columns that are searched for: all, or a step of a history with those before it held.
   struct Columns {

@@ -108,9 +108,9 @@ class Tangent {
   [[nodiscard]] Vector stiffness_times(const Vector& moved) const;
   /// The diagonal of S, (active).
   [[nodiscard]] Vector diagonal() const;
-  /// First active unknown of every body, and one past the last.
   /// Whether a rigid connection was made a spring: steps of linear laws are exact but for that.
   [[nodiscard]] bool softened() const { return softened_; }
+  /// First active unknown of every body, and one past the last.
   [[nodiscard]] const std::vector<Index>& first_active() const { return joined_->first_active(); }
 
  private:
