@@ -341,9 +341,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                     rounding && everywhere((rest.array() <= least_error.array().max(rtol)).all())};
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
-          const Matrix seen =
-              (whole.relative_with_noise(gauge_.of_distance(better_, from)) + ahead)
-                  .cwiseMax(least_error);
+          const Matrix seen = (whole.relative_with_noise(gauge_.of_distance(better_, from)) + ahead)
+                                  .cwiseMax(least_error);
           if (largest(seen) <= rtol && linear_->imbalance(stages_.laws(), from, residual_before) <=
                                            bearable_imbalance * rtol) {
             found.errors_better = seen;

@@ -45,8 +45,7 @@ struct Whole {
   }
   /// The same with what is next to rounding of the displacements of other bodies.
   [[nodiscard]] Matrix relative_with_noise(const substructure::Sizes& error) const {
-    return relative(error).cwiseMax(
-        yardstick.relative(error, sizes, substructure::Noise::counted));
+    return relative(error).cwiseMax(yardstick.relative(error, sizes, substructure::Noise::counted));
   }
 };
 
