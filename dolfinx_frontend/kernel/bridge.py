@@ -526,7 +526,7 @@ def laws(structure: Structure, problem: Problem, plan: Plan) -> Laws:
     """The laws of the active interfaces on this rank, what is random at its mean."""
     own = problem.own.interfaces
     parameters = {n: active_fields(own[n], plan).parameters for n in plan.active if n in own}
-    return structure.laws(steps=plan.steps, parameters=parameters)
+    return structure.laws(steps=plan.steps, parameters=parameters, in_time=plan.measured_in_time)
 
 
 def active_fields(interface: Interface, plan: Plan) -> Fields:

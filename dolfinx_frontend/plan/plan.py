@@ -206,6 +206,14 @@ class Plan:
         return np.array([[1.0 if a is None else a(t) for t in times] for a in self.patterns])
 
     @property
+    def measured_in_time(self) -> npt.NDArray[np.float64] | None:
+        """Factors (l, T) of load patterns whose sums at the times are what errors are estimated of; None: of the
+        columns."""
+        if self.history != "patterns" or len(self.patterns) == 1 or self.fields:
+            return None
+        return np.asfortranarray(self.factors())
+
+    @property
     def amplitudes(self) -> npt.NDArray[np.float64]:
         """Amplitudes (l, columns) of the load patterns, for columns that are no chaos modes.
 

@@ -171,10 +171,12 @@ def accuracy_of_run(
     if not tables:
         return None
     values = np.hstack(tables)
-    kinds = len(values) // plan.amplitudes.shape[1]
+    measured = plan.measured_in_time
+    kinds = len(values) // (plan.amplitudes if measured is None else measured).shape[1]
     rows = range(len(values))
     labels = tuple(group_name(plan, row, kinds) for row in rows)
-    steps = tuple(row // kinds for row in rows) if plan.history == "steps" else None
+    by_step = plan.history == "steps" or measured is not None
+    steps = tuple(row // kinds for row in rows) if by_step else None
     return Accuracy(values, labels, tuple(map(body_name, bodies)), steps)
 
 
@@ -182,7 +184,7 @@ def group_name(plan: Plan, row: int, kinds: int) -> str:
     """What a row of the kernel's errors is: a step or load pattern; of two kinds first the mean."""
     step, kind = divmod(row, kinds)
     label = ""
-    if plan.history == "steps":
+    if plan.history == "steps" or plan.measured_in_time is not None:
         label = f"step {step}"
     elif plan.history == "patterns" and len(plan.patterns) > 1:
         label = f"load pattern {step}"

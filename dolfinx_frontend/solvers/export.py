@@ -166,7 +166,7 @@ def export(
     base = {name: fields.parameters for name, fields in described.fields.items()}
     tree = more | {
         "options": _options_tree(plan.options),
-        "laws": _laws_tree(steps or plan.steps, modes, _merged(base, values), columns),
+        "laws": _laws_tree(steps or plan.steps, modes, _merged(base, values), columns, plan.measured_in_time),
         "amplitudes": amplitudes,
     }
     tree["face"] = _face(problem, plan, more["face"])
@@ -204,7 +204,11 @@ def _options_tree(options: Options) -> Tree:
 
 
 def _laws_tree(
-    steps: int, modes: int, values: _Values, columns: Mapping[str, Sequence[Mapping[str, Any]]]
+    steps: int,
+    modes: int,
+    values: _Values,
+    columns: Mapping[str, Sequence[Mapping[str, Any]]],
+    in_time: Array | None,
 ) -> Tree:
     parameters = [
         {"interface": name, "parameter": parameter, "values": _block(each)}
@@ -215,12 +219,15 @@ def _laws_tree(
         {"interface": name, "groups": _numbered([_group_tree(each) for each in groups])}
         for name, groups in columns.items()
     ]
-    return {
+    tree: Tree = {
         "steps": steps,
         "modes": modes,
         "parameters": _numbered(parameters),
         "columns": _numbered(transformed),
     }
+    if in_time is not None:
+        tree["in_time"] = in_time
+    return tree
 
 
 def _group_tree(group: Mapping[str, Any]) -> Tree:

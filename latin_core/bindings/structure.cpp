@@ -91,6 +91,9 @@ stiffness
 modes
     Chaos modes (columns) that a solution has at every time step: errors are then estimated of the mean and of
     the fluctuation of each step. 1: every column is a solution of its own.
+in_time
+    (patterns, times): columns are load patterns of a history of linear laws, and these are their factors at its
+    times; errors are then estimated at the times. Empty or None: columns are what they are.
 
 Raises
 ------
@@ -252,7 +255,7 @@ py::dict cost_of(const Body& body) {
 
 /// Changes of laws as Python gives them; None: as it is.
 Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameters,
-             py::handle columns, py::handle extra_loads, py::handle stiffness) {
+             py::handle columns, py::handle extra_loads, py::handle stiffness, py::handle in_time) {
   const Structure& structure = laws.structure();
   std::vector<std::pair<std::string, std::vector<LawColumns>>> groups;
   if (!columns.is_none()) {
@@ -294,8 +297,13 @@ Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameter
   const Index count = steps.is_none() ? laws.steps() : to_index(steps, "steps");
   const Index solutions = modes.is_none() ? laws.modes() : to_index(modes, "modes");
   const bool keeps_loads = extra_loads.is_none();
+  const bool keeps_times = in_time.is_none();
+  latin::Matrix times = keeps_times ? latin::Matrix() : to_matrix(in_time, "in_time");
   const py::gil_scoped_release release;
   laws = laws.with_steps(count).with_modes(solutions);
+  if (!keeps_times) {
+    laws = laws.with_times(std::move(times));
+  }
   // new groups take the place of old ones, which would hide parameters
   for (const auto& [name, group] : groups) {
     laws = laws.with_columns(name, {});
@@ -621,11 +629,14 @@ void bind_facts(StructureClass& cls) {
       .def(
           "laws",
           [](const std::shared_ptr<Structure>& self, py::handle steps, py::handle parameters,
-             py::handle columns, py::handle extra_loads, py::handle modes, py::handle stiffness) {
-            return changed(Laws(self), steps, modes, parameters, columns, extra_loads, stiffness);
+             py::handle columns, py::handle extra_loads, py::handle modes, py::handle stiffness,
+             py::handle in_time) {
+            return changed(Laws(self), steps, modes, parameters, columns, extra_loads, stiffness,
+                           in_time);
           },
           "steps"_a = 1, "parameters"_a = py::none(), "columns"_a = py::none(),
-          "extra_loads"_a = py::none(), "modes"_a = 1, "stiffness"_a = py::none(), make_laws_doc);
+          "extra_loads"_a = py::none(), "modes"_a = 1, "stiffness"_a = py::none(),
+          "in_time"_a = py::none(), make_laws_doc);
 }
 
 void bind_calls(StructureClass& cls) {
@@ -710,12 +721,13 @@ void bind_laws_value(py::module_& m) {
       .def(
           "with_",
           [](const Laws& laws, py::handle steps, py::handle parameters, py::handle columns,
-             py::handle extra_loads, py::handle modes, py::handle stiffness) {
-            return changed(laws, steps, modes, parameters, columns, extra_loads, stiffness);
+             py::handle extra_loads, py::handle modes, py::handle stiffness, py::handle in_time) {
+            return changed(laws, steps, modes, parameters, columns, extra_loads, stiffness,
+                           in_time);
           },
           py::kw_only(), "steps"_a = py::none(), "parameters"_a = py::none(),
           "columns"_a = py::none(), "extra_loads"_a = py::none(), "modes"_a = py::none(),
-          "stiffness"_a = py::none(), with_doc);
+          "stiffness"_a = py::none(), "in_time"_a = py::none(), with_doc);
 }
 
 }  // namespace

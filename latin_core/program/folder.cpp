@@ -253,6 +253,9 @@ substructure::Laws Folder::with_values(substructure::Laws laws) const {
   const substructure::Structure& structure = laws.structure();
   const Node node = root_.group("laws");
   laws = laws.with_steps(node.integer("steps")).with_modes(node.integer("modes"));
+  if (node.has("in_time")) {
+    laws = laws.with_times(node.matrix("in_time"));
+  }
   std::vector<substructure::LawParameter> parameters;
   std::set<std::string> names;
   for (const Node& each : root_.list("interfaces")) {

@@ -31,7 +31,7 @@ struct Checked {
         verification(at.stages),
         whole(at.stages.whole(at.state)),
         found(verification.check(at.state, at.residual, whole, rtol)) {
-    const Gauge gauge = gauge_of(laws.structure(), laws.groups());
+    const Gauge gauge = gauge_of(laws);
     const Whole answer = at.stages.whole(exact);
     truth = answer.relative(gauge.of_distance(at.state, exact));
     truth_better = answer.relative(gauge.of_distance(verification.better(), exact));

@@ -196,6 +196,7 @@ class Laws:
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int | None = None,
         stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | Coupling] | None = None,
+        in_time: npt.ArrayLike | None = None,
     ) -> Laws: ...
 
 class Linearised:
@@ -243,6 +244,7 @@ class Structure:
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int = 1,
         stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | Coupling] | None = None,
+        in_time: npt.ArrayLike | None = None,
     ) -> Laws: ...
     def solve(
         self,

@@ -66,8 +66,8 @@ class Borrowing {
         sets_(sets),
         columns_(amplitudes.cols()),
         amplitudes_(amplitudes.replicate(1, sets)),
-        gauge_(gauge_of(laws.structure(), laws.groups())),
-        yardstick_(substructure::yardstick(laws.structure(), laws.groups())),
+        gauge_(gauge_of(laws)),
+        yardstick_(substructure::yardstick(laws.structure(), laws.measured())),
         history_(metric_of(laws.structure()), columns_, static_cast<Index>(snapshots.size()), sets),
         stages_(laws, amplitudes_, false),
         residual_(laws.structure().rows(), sets * columns_),
@@ -256,7 +256,7 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
   }
   const substructure::Structure& structure = laws.structure();
   const Index columns = amplitudes.cols();
-  const Gauge gauge = gauge_of(structure, laws.groups());
+  const Gauge gauge = gauge_of(laws);
   const Matrix all_amplitudes = amplitudes.replicate(1, sets);
   Anderson history(metric_of(structure), columns, static_cast<Index>(snapshots.size()), sets);
   Stages stages(laws, all_amplitudes, false);
@@ -270,7 +270,7 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
   history.fit(residual);
 
   substructure::GlobalStage global(laws);
-  const substructure::Yardstick yardstick = substructure::yardstick(structure, laws.groups());
+  const substructure::Yardstick yardstick = substructure::yardstick(structure, laws.measured());
   const State& wrong = history.predicted_error();
   std::vector<Advanced> answers(static_cast<std::size_t>(sets));
   for (Index set = 0; set < sets; ++set) {

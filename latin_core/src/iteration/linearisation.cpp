@@ -267,6 +267,9 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
       sizes.trace(groups.of(column), b) += moved.col(column)(rows).cwiseAbs2().dot(metric);
     }
   }
+  if (const Matrix* in_time = laws.in_time()) {
+    return substructure::at_times(*in_time, sizes, groups.kinds());
+  }
   return sizes;
 }
 

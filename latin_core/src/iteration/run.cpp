@@ -68,7 +68,7 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
           (accelerates() ? options.acceleration : observing_depth) + static_cast<Index>(snapshots)),
       stepper_(stages_.fixed_point(), history_, options.relaxation,
                may_fly(laws) ? longest_step : unknown),
-      error_(gauge_of(structure_, laws.groups()), structure_.rows(), amplitudes.cols(),
+      error_(gauge_of(laws), structure_.rows(), amplitudes.cols(),
              !accelerates()                                            ? observing_depth
              : Verification::possible(laws) && !laws.scales_anywhere() ? 1
                                                                        : own_steps,

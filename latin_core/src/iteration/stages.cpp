@@ -30,20 +30,21 @@ Metric metric_of(const Structure& structure) {
                 [&structure](std::span<double> values) { structure.communicator().sum(values); });
 }
 
-Gauge gauge_of(const Structure& structure, const substructure::ColumnGroups& groups) {
-  return {[&structure, groups](ConstMatrixRef data, ConstMatrixRef traces) {
-            return substructure::sizes_of_difference(structure, groups, data, traces);
+Gauge gauge_of(const substructure::Laws& laws) {
+  return {[laws](ConstMatrixRef data, ConstMatrixRef traces) {
+            return substructure::sizes_of_difference(laws.structure(), laws.measured(), data,
+                                                     traces, laws.in_time());
           },
-          [&structure, groups](const State& a, const State& b) {
-            return substructure::sizes_of_distance(structure, groups, a.data, a.traces, b.data,
-                                                   b.traces);
+          [laws](const State& a, const State& b) {
+            return substructure::sizes_of_distance(laws.structure(), laws.measured(), a.data,
+                                                   a.traces, b.data, b.traces, laws.in_time());
           }};
 }
 
 Stages::Stages(const substructure::Laws& laws, const Matrix& amplitudes, bool single_precision)
     : global_(laws),
       local_(laws, amplitudes.cols()),
-      yardstick_(substructure::yardstick(laws.structure(), laws.groups())),
+      yardstick_(substructure::yardstick(laws.structure(), laws.measured())),
       amplitudes_(amplitudes),
       single_precision_(single_precision) {}
 
@@ -121,16 +122,18 @@ Vector Stages::rounding_of(std::size_t body, const State& state, const Whole& wh
   const Index first = structure().body_rows()[body];
   const substructure::Body::Correction correction =
       of.correction(state.data.middleRows(first, of.rows()), amplitudes_, laws().response(body));
-  substructure::Sizes sizes = whole.sizes;
-  for (Matrix* each : {&sizes.strain, &sizes.trace}) {
-    each->setZero();
-  }
+  const substructure::ColumnGroups groups = laws().groups();
+  substructure::Sizes sizes =
+      substructure::Sizes::zero(groups.count(correction.traces.cols()), whole.sizes.strain.cols());
   const auto metric = structure().trace_metric().segment(first, of.rows());
   const auto at = static_cast<Index>(body);
   for (Index column = 0; column < correction.traces.cols(); ++column) {
-    const Index group = laws().groups().of(column);
+    const Index group = groups.of(column);
     sizes.strain(group, at) += correction.strain(column);
     sizes.trace(group, at) += correction.traces.col(column).cwiseAbs2().dot(metric);
+  }
+  if (const Matrix* in_time = laws().in_time()) {
+    sizes = substructure::at_times(*in_time, sizes, groups.kinds());
   }
   return whole.relative(sizes).col(at);
 }

@@ -113,7 +113,7 @@ double Verification::resolution(double rtol) { return std::min(0.05 * rtol, 2e-9
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
     : stages_(stages),
-      gauge_(gauge_of(stages.structure(), stages.laws().groups())),
+      gauge_(gauge_of(stages.laws())),
       linear_(known ? std::move(known) : std::make_shared<Linearisation>()),
       history_(metric_of(stages.structure()), stages.amplitudes().cols(), depth) {}
 

@@ -142,36 +142,52 @@ Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
 
 Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) {
   const Structure& structure = laws_.structure();
-  const ColumnGroups groups = laws_.groups();
+  const Matrix* in_time = laws_.in_time();
+  const Matrix of_times = in_time == nullptr ? Matrix() : at_times(*in_time, amplitudes);
+  const Index columns = in_time == nullptr ? data.cols() : of_times.cols();
   Sizes sizes =
-      Sizes::zero(groups.count(data.cols()), static_cast<Index>(structure.bodies().size()));
+      Sizes::zero(laws_.measured().count(columns), static_cast<Index>(structure.bodies().size()));
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
-    const Body& body = structure.bodies()[b];
     const Index first = structure.body_rows()[b];
-    const auto s = data.middleRows(first, body.rows());
-    const auto w = traces.middleRows(first, body.rows());
-    const auto metric = structure.trace_metric().segment(first, body.rows());
-    Eigen::Map<Matrix> f = block_.shaped(w.rows(), w.cols());
-    f = s - body.directions().asDiagonal() * w;
-    const ScaledColumns* scaled = laws_.scaled(b);
-    const Vector energies =
-        scaled != nullptr           ? scaled->body->energies(scaled->into(s), scaled->into(w),
-                                                             scaled->into(amplitudes), scaled->each(w.cols()))
-        : laws_.field(b) != nullptr ? energies_of_field(b, s, w, f, amplitudes)
-                                    : body.energies(s, w, f, amplitudes, laws_.response(b), work_);
-    const Vector pressed = pressed_energies(b, f, amplitudes);
-    const auto at = static_cast<Index>(b);
-    for (Index column = 0; column < w.cols(); ++column) {
-      const Index group = groups.of(column);
-      sizes.strain(group, at) += energies(column);
-      sizes.trace(group, at) += w.col(column).cwiseAbs2().dot(metric);
-      sizes.work(group, at) +=
-          w.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
-      sizes.pressed(group, at) += pressed(column);
+    const Index rows = structure.bodies()[b].rows();
+    const auto s = data.middleRows(first, rows);
+    const auto w = traces.middleRows(first, rows);
+    if (in_time == nullptr) {
+      add_sizes(b, s, w, amplitudes, sizes);
+    } else {
+      add_sizes(b, at_times(*in_time, s), at_times(*in_time, w), of_times, sizes);
     }
   }
   sizes.strain = sizes.strain.cwiseAbs();
   return sizes;
+}
+
+void GlobalStage::add_sizes(std::size_t b, ConstMatrixRef data, ConstMatrixRef traces,
+                            ConstMatrixRef amplitudes, Sizes& sizes) {
+  const Structure& structure = laws_.structure();
+  const ColumnGroups groups = laws_.measured();
+  const Body& body = structure.bodies()[b];
+  const auto metric = structure.trace_metric().segment(structure.body_rows()[b], body.rows());
+  Eigen::Map<Matrix> f = block_.shaped(traces.rows(), traces.cols());
+  f = data - body.directions().asDiagonal() * traces;
+  const ScaledColumns* scaled = laws_.scaled(b);
+  const Vector energies =
+      scaled != nullptr
+          ? scaled->body->energies(scaled->into(data), scaled->into(traces),
+                                   scaled->into(amplitudes), scaled->each(traces.cols()))
+      : laws_.field(b) != nullptr
+          ? energies_of_field(b, data, traces, f, amplitudes)
+          : body.energies(data, traces, f, amplitudes, laws_.response(b), work_);
+  const Vector pressed = pressed_energies(b, f, amplitudes);
+  const auto at = static_cast<Index>(b);
+  for (Index column = 0; column < traces.cols(); ++column) {
+    const Index group = groups.of(column);
+    sizes.strain(group, at) += energies(column);
+    sizes.trace(group, at) += traces.col(column).cwiseAbs2().dot(metric);
+    sizes.work(group, at) +=
+        traces.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
+    sizes.pressed(group, at) += pressed(column);
+  }
 }
 
 std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, ConstMatrixRef data,

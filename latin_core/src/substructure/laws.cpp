@@ -289,6 +289,10 @@ void Laws::check_columns(Index columns) const {
     throw InputError(std::to_string(columns) + " columns are no whole number of histories of " +
                      std::to_string(steps_) + " time steps");
   }
+  if (in_time_ != nullptr && (columns % in_time_->rows() != 0 || remembers())) {
+    throw InputError("in_time: " + std::to_string(columns) + " columns are no " +
+                     std::to_string(in_time_->rows()) + " load patterns of linear laws");
+  }
   for (std::size_t b = 0; b < structure_->bodies().size(); ++b) {
     const ScaledColumns* scaled_body = scaled(b);
     const FieldColumns* of_field = field(b);
@@ -420,6 +424,16 @@ Laws Laws::with_modes(Index modes) const {
   }
   Laws changed = *this;
   changed.modes_ = modes;
+  return changed;
+}
+
+Laws Laws::with_times(Matrix in_time) const {
+  if (!in_time.allFinite()) {
+    throw InputError("in_time: a factor of a load pattern is not finite");
+  }
+  Laws changed = *this;
+  changed.in_time_ =
+      in_time.size() > 0 ? std::make_shared<const Matrix>(std::move(in_time)) : nullptr;
   return changed;
 }
 

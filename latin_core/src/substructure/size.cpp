@@ -25,19 +25,37 @@ constexpr double held_strain = 1e-4;
 
 constexpr double square(double x) { return x * x; }
 
-/// Add what `column_sizes(column, rows of a body, sizes, group, body)` says.
-template <class F>
-Sizes sum_over(const Structure& structure, const ColumnGroups& groups, Index columns,
-               const F& add) {
+/// Add the sizes of columns of a body: its data and traces (rows, columns).
+template <class S, class W>
+void add_sizes(const Structure& structure, std::size_t body, const ColumnGroups& groups,
+               const S& data, const W& traces, Sizes& sizes) {
+  const auto rows = Eigen::seqN(structure.body_rows()[body], structure.bodies()[body].rows());
+  const auto at = static_cast<Index>(body);
+  for (Index column = 0; column < data.cols(); ++column) {
+    const Index group = groups.of(column);
+    const auto w = traces.col(column).array();
+    const auto force = data.col(column).array() - structure.directions()(rows).array() * w;
+    sizes.strain(group, at) += (w * structure.weights()(rows).array() * force).sum();
+    sizes.trace(group, at) += (w.square() * structure.trace_metric()(rows).array()).sum();
+  }
+}
+
+/// Sizes of what `data(first, rows)` and `traces(first, rows)` say of the rows of a body, at the times if there are any.
+template <class S, class W>
+Sizes sizes_of(const Structure& structure, const ColumnGroups& groups, Index columns,
+               const Matrix* in_time, const S& data, const W& traces) {
   const auto& bodies = structure.bodies();
-  Sizes sizes = Sizes::zero(groups.count(columns), static_cast<Index>(bodies.size()));
+  const Index measured = in_time == nullptr ? columns : columns / in_time->rows() * in_time->cols();
+  Sizes sizes = Sizes::zero(groups.count(measured), static_cast<Index>(bodies.size()));
   for (std::size_t b = 0; b < bodies.size(); ++b) {
-    const auto rows = Eigen::seqN(structure.body_rows()[b], bodies[b].rows());
-    for (Index column = 0; column < columns; ++column) {
-      const Index group = groups.of(column);
-      const auto [strain, trace] = add(rows, column);
-      sizes.strain(group, static_cast<Index>(b)) += strain;
-      sizes.trace(group, static_cast<Index>(b)) += trace;
+    const auto of_body = [&](const auto& block) {
+      return block(structure.body_rows()[b], bodies[b].rows());
+    };
+    if (in_time == nullptr) {
+      add_sizes(structure, b, groups, of_body(data), of_body(traces), sizes);
+    } else {
+      add_sizes(structure, b, groups, at_times(*in_time, Matrix(of_body(data))),
+                at_times(*in_time, Matrix(of_body(traces))), sizes);
     }
   }
   sizes.strain =
@@ -151,26 +169,53 @@ Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
           Vector::Zero(structure.components())};
 }
 
+Matrix at_times(const Matrix& in_time, ConstMatrixRef block) {
+  const Index sets = block.cols() / in_time.rows();
+  Matrix all(block.rows(), sets * in_time.cols());
+  for (Index set = 0; set < sets; ++set) {
+    all.middleCols(set * in_time.cols(), in_time.cols()).noalias() =
+        block.middleCols(set * in_time.rows(), in_time.rows()) * in_time;
+  }
+  return all;
+}
+
+Sizes at_times(const Matrix& in_time, const Sizes& sizes, Index kinds) {
+  const auto bound = [&](const Matrix& of_patterns) {
+    const Index sets = of_patterns.rows() / (in_time.rows() * kinds);
+    Matrix all = Matrix::Zero(sets * in_time.cols() * kinds, of_patterns.cols());
+    for (Index set = 0; set < sets; ++set) {
+      for (Index kind = 0; kind < kinds; ++kind) {
+        const auto from = Eigen::seqN(set * in_time.rows() * kinds + kind, in_time.rows(), kinds);
+        const auto to = Eigen::seqN(set * in_time.cols() * kinds + kind, in_time.cols(), kinds);
+        all(to, every) =
+            (in_time.cwiseAbs().transpose() * of_patterns(from, every).cwiseAbs().cwiseSqrt())
+                .cwiseAbs2();
+      }
+    }
+    return all;
+  };
+  return {bound(sizes.strain), bound(sizes.trace), bound(sizes.work), bound(sizes.pressed)};
+}
+
 Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,
-                          ConstMatrixRef data, ConstMatrixRef traces) {
-  return sum_over(structure, groups, data.cols(), [&](const auto& rows, Index column) {
-    const auto w = traces.col(column)(rows).array();
-    const auto force = data.col(column)(rows).array() - structure.directions()(rows).array() * w;
-    return std::pair{(w * structure.weights()(rows).array() * force).sum(),
-                     (w.square() * structure.trace_metric()(rows).array()).sum()};
-  });
+                          ConstMatrixRef data, ConstMatrixRef traces, const Matrix* in_time) {
+  return sizes_of(
+      structure, groups, data.cols(), in_time,
+      [&](Index first, Index rows) { return data.middleRows(first, rows); },
+      [&](Index first, Index rows) { return traces.middleRows(first, rows); });
 }
 
 Sizes sizes_of_distance(const Structure& structure, const ColumnGroups& groups, ConstMatrixRef data,
                         ConstMatrixRef traces, ConstMatrixRef other_data,
-                        ConstMatrixRef other_traces) {
-  return sum_over(structure, groups, data.cols(), [&](const auto& rows, Index column) {
-    const auto w = traces.col(column)(rows).array() - other_traces.col(column)(rows).array();
-    const auto s = data.col(column)(rows).array() - other_data.col(column)(rows).array();
-    const auto force = s - structure.directions()(rows).array() * w;
-    return std::pair{(w * structure.weights()(rows).array() * force).sum(),
-                     (w.square() * structure.trace_metric()(rows).array()).sum()};
-  });
+                        ConstMatrixRef other_traces, const Matrix* in_time) {
+  return sizes_of(
+      structure, groups, data.cols(), in_time,
+      [&](Index first, Index rows) {
+        return data.middleRows(first, rows) - other_data.middleRows(first, rows);
+      },
+      [&](Index first, Index rows) {
+        return traces.middleRows(first, rows) - other_traces.middleRows(first, rows);
+      });
 }
 
 }  // namespace latin::substructure

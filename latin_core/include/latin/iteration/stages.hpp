@@ -16,9 +16,8 @@ namespace latin::iteration {
 
 /// W/k of the rows of a structure, summed over its ranks. It refers to the structure.
 [[nodiscard]] Metric metric_of(const substructure::Structure& structure);
-/// The sizes of its solutions. It refers to the structure.
-[[nodiscard]] Gauge gauge_of(const substructure::Structure& structure,
-                             const substructure::ColumnGroups& groups);
+/// The sizes of their solutions, at the times where columns are load patterns.
+[[nodiscard]] Gauge gauge_of(const substructure::Laws& laws);
 
 /// Adds the seconds of a scope to a sum.
 class Timed {

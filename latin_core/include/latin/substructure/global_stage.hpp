@@ -43,6 +43,9 @@ class GlobalStage {
   [[nodiscard]] Sizes sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes);
 
  private:
+  /// Those of the columns of a body.
+  void add_sizes(std::size_t body, ConstMatrixRef data, ConstMatrixRef traces,
+                 ConstMatrixRef amplitudes, Sizes& sizes);
   [[nodiscard]] Vector pressed_energies(std::size_t body, ConstMatrixRef forces,
                                         ConstMatrixRef amplitudes);
 

@@ -65,12 +65,19 @@ struct Yardstick {
 
 /// The yardstick of a structure, its reach not known.
 [[nodiscard]] Yardstick yardstick(const Structure& structure, const ColumnGroups& groups);
+/// Columns that are load patterns (., sets * patterns) at the times of a history, (., sets * times).
+[[nodiscard]] Matrix at_times(const Matrix& in_time, ConstMatrixRef block);
+/// Sizes of load patterns (rows of groups) as no more than what they are at the times of a history.
+[[nodiscard]] Sizes at_times(const Matrix& in_time, const Sizes& sizes, Index kinds);
 /// Sizes of the difference of two global-stage solutions under the same loads, which cancel.
+/// @param in_time see Laws::in_time(): they are measured at the times
 [[nodiscard]] Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,
-                                        ConstMatrixRef data, ConstMatrixRef traces);
+                                        ConstMatrixRef data, ConstMatrixRef traces,
+                                        const Matrix* in_time = nullptr);
 /// The same of two states, without a block for their difference.
 [[nodiscard]] Sizes sizes_of_distance(const Structure& structure, const ColumnGroups& groups,
                                       ConstMatrixRef data, ConstMatrixRef traces,
-                                      ConstMatrixRef other_data, ConstMatrixRef other_traces);
+                                      ConstMatrixRef other_data, ConstMatrixRef other_traces,
+                                      const Matrix* in_time = nullptr);
 
 }  // namespace latin::substructure
