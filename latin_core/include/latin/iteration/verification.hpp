@@ -86,6 +86,7 @@ class Verification {
   [[nodiscard]] bool everywhere(bool holds) const;
   [[nodiscard]] std::optional<Found> at_once(const State& state, const Matrix& residual,
                                              const Whole& whole, double rtol, double spread);
+  [[nodiscard]] substructure::Sizes leak(const substructure::Sizes& errors, double spread) const;
   [[nodiscard]] bool stays_in_branch(const Matrix& step) const;
   /// Columns that are searched for: all, or a step of a history with those before it held.
   struct Columns {
