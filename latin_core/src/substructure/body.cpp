@@ -352,6 +352,8 @@ double stiffest_of(const BodyDescription& description) {
 
 /// Bodies whose displacements rounding may leave wrong by more are measured.
 constexpr double well_conditioned = 1e-10;
+/// So are those in which this much stiffer ones than their faces are joined: a bound is far too large for them.
+constexpr double uneven = 1e4;
 
 using Longer = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
 
@@ -425,7 +427,8 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   if (!kept_) {
     factorise(lower, condense, options);
   }
-  if (rounding() > well_conditioned) {
+  const double softest = active_stiffness_.size() > 0 ? active_stiffness_.minCoeff() : stiffest_;
+  if (rounding() > well_conditioned || stiffest_ > uneven * softest) {
     keep_terms(description, std::move(jumps));
   }
   description = {};
