@@ -23,6 +23,8 @@ constexpr double quiet_column = 1e-3;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
+/// Samples of what rounding may do.
+constexpr Index rounding_samples = 3;
 /// What was measured of one state and is said of others, too, in terms of itself.
 constexpr double measured_again = 2.0;
 
@@ -78,12 +80,13 @@ double contrast(double a, double b) {
   return std::max(one / two, two / one);
 }
 
-/// Sizes with any fixed signs without a pattern.
-void with_signs(Matrix& sizes, double unit) {
+/// Sizes with any fixed signs without a pattern, of which there are as many as one likes.
+void with_signs(Matrix& sizes, double unit, Index sample) {
+  const double turn = 1.7 + 0.31 * static_cast<double>(sample);
   for (Index column = 0; column < sizes.cols(); ++column) {
     for (Index row = 0; row < sizes.rows(); ++row) {
       sizes(row, column) *=
-          std::copysign(unit, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
+          std::copysign(unit, std::sin(turn * static_cast<double>((row + 1) * (column + 3))));
     }
   }
 }
@@ -204,14 +207,15 @@ const Matrix& Linearisation::rounding(const substructure::Laws& laws, const Stat
   return rounding_;
 }
 
-/// Put what was measured in the place of what is guessed, in forces on the active unknowns of all ranks.
-void Linearisation::measure(const substructure::Laws& laws, const State& state,
-                            ConstMatrixRef amplitudes, Matrix& forces) const {
+/// What rounding leaves of the bodies that measure it, in forces on the active unknowns of all ranks, (active, columns),
+/// and a last column that is zero where it is not known; empty: it is known of none.
+Matrix Linearisation::measured(const substructure::Laws& laws, const State& state,
+                               ConstMatrixRef amplitudes) const {
   const substructure::Structure& structure = laws.structure();
   const auto& bodies = structure.bodies();
   if (structure.communicator().everywhere(
           std::ranges::none_of(bodies, &substructure::Body::measurable))) {
-    return;
+    return {};
   }
   Index active = 0;
   for (const substructure::Body& body : bodies) {
@@ -233,12 +237,7 @@ void Linearisation::measure(const substructure::Laws& laws, const State& state,
     }
     first += body.active();
   }
-  const Matrix all = tangents_.front()->joined().of_active(own);
-  for (Index row = 0; row < all.rows(); ++row) {
-    if (all(row, state.data.cols()) > 0.0) {
-      forces.row(row) = all.row(row).head(state.data.cols());
-    }
-  }
+  return tangents_.front()->joined().of_active(own);
 }
 
 substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws,
@@ -247,25 +246,38 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
   const substructure::Structure& structure = laws.structure();
   const substructure::ColumnGroups groups = laws.groups();
   Tangent& tangent = *tangents_.front();
-  Matrix data =
+  const Matrix of_faces =
       state.data.cwiseAbs() + structure.directions().asDiagonal() * state.traces.cwiseAbs();
-  with_signs(data, rounding_of_faces);
-  Matrix forces = tangent.inner_forces(state.traces);
-  with_signs(forces, rounding_of_bodies);
-  measure(laws, state, amplitudes, forces);
-  forces += tangent.nodal(data);
-  Matrix moved(data.rows(), data.cols());
-  const Matrix answer = tangent.respond(forces, data, moved);
+  const Matrix of_bodies = tangent.inner_forces(state.traces);
+  const Matrix known = measured(laws, state, amplitudes);
   substructure::Sizes sizes = substructure::Sizes::zero(
-      groups.count(data.cols()), static_cast<Index>(structure.bodies().size()));
-  for (Index b = 0; b < sizes.strain.cols(); ++b) {
-    const auto at = static_cast<std::size_t>(b);
-    const auto rows = Eigen::seqN(structure.body_rows()[at], structure.bodies()[at].rows());
-    const Vector metric = structure.trace_metric()(rows);
-    for (Index column = 0; column < forces.cols(); ++column) {
-      sizes.strain(groups.of(column), b) += tangent.strain(b, answer.col(column));
-      sizes.trace(groups.of(column), b) += moved.col(column)(rows).cwiseAbs2().dot(metric);
+      groups.count(of_faces.cols()), static_cast<Index>(structure.bodies().size()));
+  // one sample may by chance leave alone the softest motion of a body
+  for (Index sample = 0; sample < rounding_samples; ++sample) {
+    substructure::Sizes one = substructure::Sizes::zero(sizes.strain.rows(), sizes.strain.cols());
+    Matrix data = of_faces;
+    with_signs(data, rounding_of_faces, sample);
+    Matrix forces = of_bodies;
+    with_signs(forces, rounding_of_bodies, sample);
+    for (Index row = 0; row < known.rows(); ++row) {
+      if (known(row, forces.cols()) > 0.0) {
+        forces.row(row) = known.row(row).head(forces.cols());
+      }
     }
+    forces += tangent.nodal(data);
+    Matrix moved(data.rows(), data.cols());
+    const Matrix answer = tangent.respond(forces, data, moved);
+    for (Index b = 0; b < sizes.strain.cols(); ++b) {
+      const auto at = static_cast<std::size_t>(b);
+      const auto rows = Eigen::seqN(structure.body_rows()[at], structure.bodies()[at].rows());
+      const Vector metric = structure.trace_metric()(rows);
+      for (Index column = 0; column < forces.cols(); ++column) {
+        one.strain(groups.of(column), b) += tangent.strain(b, answer.col(column));
+        one.trace(groups.of(column), b) += moved.col(column)(rows).cwiseAbs2().dot(metric);
+      }
+    }
+    sizes.strain = sizes.strain.cwiseMax(one.strain);
+    sizes.trace = sizes.trace.cwiseMax(one.trace);
   }
   if (const Matrix* in_time = laws.in_time()) {
     return substructure::at_times(*in_time, sizes, groups.kinds());

@@ -15,7 +15,8 @@ neighbour's motion. What is nothing but rounding, or moves by less than thirty s
 its own: a scatter is then compared with the mean, the displacement of a part that stays where it is with
 the largest one of the scene, and strains are not compared. The fluctuation of a chaos is all its columns
 but the first; that of samples is what is left without their mean. A step is compared with itself, but with
-no less than 1e-9 of the part's largest step; a scatter with itself, below 1e-6 of the mean with the mean:
+no less than 1e-9 of the part's largest step, and faces that are held with no less than 1e-4 of the part's largest
+displacement, for a soft part that is glued on a rock has none to speak of there; a scatter with itself, below 1e-6 of the mean with the mean:
 it is not worth an order of a chaos or a sample.
 """
 
@@ -39,6 +40,8 @@ NOISE = 30.0
 """Displacements of so many rounding errors of those of connected parts are none."""
 QUIET = 1e-9
 """A step is compared with this fraction of the part's largest step at least."""
+HELD = 1e-4
+"""The displacement of faces is compared with this fraction of the largest one of the part at least."""
 SCATTER = 1e-6
 """A scatter below this fraction of the part's mean is none, and is compared with the mean."""
 NAMES = ("energy", "displacement")
@@ -137,6 +140,9 @@ def errors(
                 place += [("mean", "fluctuation")[g]] if kind == "chaos" else []
                 for i, norm in enumerate(NAMES):
                     whole = max(size[i], QUIET * peak[i])
+                    if norm == "displacement" and not g:
+                        largest = max(float(np.abs(answer.fields[p][:, group]).max()) for p in parts)
+                        whole = max(whole, HELD * largest * np.sqrt(faces))
                     if g and whole < SCATTER * sizes[name, k, 0][i]:
                         whole = sizes[name, k, 0][i]
                     if whole <= max(floor[i], NOISE * EPS * reach * np.sqrt(faces) if i else 0.0):

@@ -100,6 +100,7 @@ class Norms:
         self.islands = {name: group for group in _components(problem, []).values() for name in group}
         self.springs: list[tuple[dict[str, sp.csr_matrix], Array]] = []
         self.stiffness = {name: part.matrix.tocsr() for name, part in problem.substructures.items()}
+        self.rigid = {name: part.strainless for name, part in problem.substructures.items()}
         self.on_faces = {}
         for name, part in problem.substructures.items():
             gram = sp.csr_matrix((part.size, part.size))
@@ -114,7 +115,10 @@ class Norms:
     def of(self, name: str, block: Array) -> Array:
         """Energy norm and displacement of a field (n, columns), summed over its columns, (2,)."""
         block = block.reshape(len(block), -1)
-        energy = np.einsum("ic,ic->", block, self.stiffness[name] @ block)
+        # what a rigid motion leaves of its zero energy would be far more than strains beside it
+        motions, inverse = self.rigid[name]
+        strained = block - motions @ (inverse @ (motions.T @ block))
+        energy = np.einsum("ic,ic->", strained, self.stiffness[name] @ strained)
         moved = np.einsum("ic,ic->", block, self.on_faces[name] @ block)
         return np.sqrt(np.maximum([energy, moved], 0.0))
 

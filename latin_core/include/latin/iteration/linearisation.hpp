@@ -80,8 +80,8 @@ class Linearisation {
     std::vector<Matrix> distinct;
     std::vector<std::size_t> of_column;
   };
-  void measure(const substructure::Laws& laws, const State& state, ConstMatrixRef amplitudes,
-               Matrix& forces) const;
+  [[nodiscard]] Matrix measured(const substructure::Laws& laws, const State& state,
+                                ConstMatrixRef amplitudes) const;
   [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
                                                    const State& state,
                                                    ConstMatrixRef amplitudes) const;
