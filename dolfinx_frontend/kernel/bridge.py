@@ -22,6 +22,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.threads import alone
+from dolfinx_frontend.kernel.motions import motions_of, on_side
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan, check_reach
@@ -357,6 +358,9 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
         )
         for patterns in reduced
     ]
+    motions: dict[str, Array] = {}
+    for patterns in reduced if plan.active else ():
+        motions |= motions_of(own, plan, next(iter(patterns.values())).members)
     interfaces, found = [], {}
     for name in plan.active:
         if name not in own.interfaces:
@@ -364,7 +368,7 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
         interface = own.interfaces[name]
         found[name] = fields = active_fields(interface, plan)
         direction = _direction(problem, plan, interface, fields, len(bodies))
-        interfaces.append(_interface(own, plan, interface, fields, direction, scale))
+        interfaces.append(_interface(own, plan, interface, fields, direction, scale, motions))
     return Description(bodies, interfaces, found, reduced)
 
 
@@ -425,11 +429,23 @@ def build(problem: Problem, plan: Plan, before: Structure | None = None) -> Buil
 
 
 def _interface(
-    own: Problem, plan: Plan, interface: Interface, fields: Fields, direction: Array, scale: float
+    own: Problem,
+    plan: Plan,
+    interface: Interface,
+    fields: Fields,
+    direction: Array,
+    scale: float,
+    motions: Mapping[str, Array],
 ) -> Values:
     """An active interface for the kernel but for its law; a side on another rank has a name only."""
     sides = [
-        {"member": side.substructure, "trace": side.trace, "direction": direction, "scale": scale}
+        {
+            "member": side.substructure,
+            "trace": side.trace,
+            "direction": direction,
+            "scale": scale,
+            "motions": on_side(motions, side, fields.frames),
+        }
         if side.substructure in own.substructures
         else {"member": side.substructure}
         for side in interface.sides

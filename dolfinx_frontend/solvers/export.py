@@ -284,7 +284,8 @@ def _body_tree(body: Mapping[str, Any], matrices: _Matrices) -> Tree:
 
 def _interface_tree(interface: Mapping[str, Any], law: str, matrices: _Matrices) -> Tree:
     sides = [
-        {**side, "trace": matrices.add(side["trace"]), "scale": float(side["scale"])}
+        {k: v for k, v in side.items() if v is not None}
+        | {"trace": matrices.add(side["trace"]), "scale": float(side["scale"])}
         for side in interface["sides"]
     ]
     tree = {

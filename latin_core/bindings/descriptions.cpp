@@ -86,6 +86,9 @@ direction
     (components * points,) search direction k > 0, force / length^3.
 scale
     Modulus / length of the part: what a displacement is measured with.
+motions
+    (components * points, r), rigid motions of the part (or of what it is joined with) that nothing else resists, of
+    mean square 1 over it, the same on all of its sides: errors are measured of them, too. None: there are none.
 )doc";
 
 constexpr const char* interface_doc = R"doc(An active interface: two sides, or one and the ground.
@@ -209,17 +212,19 @@ void bind_descriptions(py::module_& m) {
 
   py::class_<SideDescription>(m, "Side", side_doc)
       .def(py::init([](const std::string& member, py::handle trace, py::handle direction,
-                       py::handle scale) {
+                       py::handle scale, py::handle motions) {
              if (trace.is_none() && direction.is_none() && scale.is_none()) {
                return SideDescription{member, {}, {}, 0.0};
              }
              const std::string who = "side of '" + member + "': ";
              return SideDescription{member, to_petsc_copy(trace, "trace of " + member),
                                     to_matrix(direction, who + "direction", any, 1).col(0),
-                                    to_number(scale, who + "scale")};
+                                    to_number(scale, who + "scale"),
+                                    motions.is_none() ? latin::Matrix()
+                                                      : to_matrix(motions, who + "motions")};
            }),
            py::kw_only(), "member"_a, "trace"_a = py::none(), "direction"_a = py::none(),
-           "scale"_a = py::none())
+           "scale"_a = py::none(), "motions"_a = py::none())
       .def("__repr__", [](const SideDescription& s) {
         return "Side(" + s.member + ", " +
                (s.direction.size() > 0 ? std::to_string(s.direction.size()) + " rows)"

@@ -196,7 +196,8 @@ substructure::InterfaceDescription Folder::interface(const Node& node) const {
     }
     if (owner->second == communicator_.rank()) {
       sides.push_back({member, trace(each, each.integer("trace")), each.vector("direction"),
-                       each.number("scale")});
+                       each.number("scale"),
+                       each.has("motions") ? each.matrix("motions") : latin::Matrix()});
     } else {
       sides.push_back({member, {}, {}, 0.0});
     }

@@ -93,6 +93,7 @@ class Side:
         trace: Mat | None = None,  # (d * points, n), global components
         direction: npt.ArrayLike | None = None,  # (components * points,), force / length^3
         scale: float | None = None,  # modulus / length
+        motions: npt.ArrayLike | None = None,  # (components * points, r)
     ) -> None: ...
 
 class Interface:

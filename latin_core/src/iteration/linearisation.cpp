@@ -269,11 +269,9 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
     const Matrix answer = tangent.respond(forces, data, moved);
     for (Index b = 0; b < sizes.strain.cols(); ++b) {
       const auto at = static_cast<std::size_t>(b);
-      const auto rows = Eigen::seqN(structure.body_rows()[at], structure.bodies()[at].rows());
-      const Vector metric = structure.trace_metric()(rows);
       for (Index column = 0; column < forces.cols(); ++column) {
         one.strain(groups.of(column), b) += tangent.strain(b, answer.col(column));
-        one.trace(groups.of(column), b) += moved.col(column)(rows).cwiseAbs2().dot(metric);
+        one.trace(groups.of(column), b) += structure.trace_size(at, moved.col(column).segment(structure.body_rows()[at], structure.bodies()[at].rows()));
       }
     }
     sizes.strain = sizes.strain.cwiseMax(one.strain);

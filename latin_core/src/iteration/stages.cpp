@@ -125,12 +125,11 @@ Vector Stages::rounding_of(std::size_t body, const State& state, const Whole& wh
   const substructure::ColumnGroups groups = laws().groups();
   substructure::Sizes sizes =
       substructure::Sizes::zero(groups.count(correction.traces.cols()), whole.sizes.strain.cols());
-  const auto metric = structure().trace_metric().segment(first, of.rows());
   const auto at = static_cast<Index>(body);
   for (Index column = 0; column < correction.traces.cols(); ++column) {
     const Index group = groups.of(column);
     sizes.strain(group, at) += correction.strain(column);
-    sizes.trace(group, at) += correction.traces.col(column).cwiseAbs2().dot(metric);
+    sizes.trace(group, at) += structure().trace_size(body, correction.traces.col(column));
   }
   if (const Matrix* in_time = laws().in_time()) {
     sizes = substructure::at_times(*in_time, sizes, groups.kinds());

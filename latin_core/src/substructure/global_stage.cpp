@@ -167,7 +167,6 @@ void GlobalStage::add_sizes(std::size_t b, ConstMatrixRef data, ConstMatrixRef t
   const Structure& structure = laws_.structure();
   const ColumnGroups groups = laws_.measured();
   const Body& body = structure.bodies()[b];
-  const auto metric = structure.trace_metric().segment(structure.body_rows()[b], body.rows());
   Eigen::Map<Matrix> f = block_.shaped(traces.rows(), traces.cols());
   f = data - body.directions().asDiagonal() * traces;
   const ScaledColumns* scaled = laws_.scaled(b);
@@ -183,7 +182,7 @@ void GlobalStage::add_sizes(std::size_t b, ConstMatrixRef data, ConstMatrixRef t
   for (Index column = 0; column < traces.cols(); ++column) {
     const Index group = groups.of(column);
     sizes.strain(group, at) += energies(column);
-    sizes.trace(group, at) += traces.col(column).cwiseAbs2().dot(metric);
+    sizes.trace(group, at) += structure.trace_size(b, traces.col(column));
     sizes.work(group, at) +=
         traces.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
     sizes.pressed(group, at) += pressed(column);

@@ -36,7 +36,7 @@ void add_sizes(const Structure& structure, std::size_t body, const ColumnGroups&
     const auto w = traces.col(column).array();
     const auto force = data.col(column).array() - structure.directions()(rows).array() * w;
     sizes.strain(group, at) += (w * structure.weights()(rows).array() * force).sum();
-    sizes.trace(group, at) += (w.square() * structure.trace_metric()(rows).array()).sum();
+    sizes.trace(group, at) += structure.trace_size(body, traces.col(column));
   }
 }
 

@@ -1,5 +1,6 @@
 #include "latin/substructure/structure.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +13,8 @@
 namespace latin::substructure {
 namespace {
 
+/// Motions of a body that its sides see by less, relative to what they see most, are not known.
+constexpr double unseen = 1e-6;
 /// A factor of n numbers takes about n^1.4 operations (grids, in three dimensions).
 constexpr double operations_of_numbers = 1.4;
 
@@ -108,13 +111,16 @@ Structure::Structure(std::vector<BodyDescription> bodies,
     Sides sides{std::vector<std::vector<BodySide>>(bodies.size()), {}};
     sides.owner.resize(bodies.size());
     std::vector<std::vector<double>> scales;
+    std::vector<std::vector<Matrix>> motions;
     for (InterfaceDescription& interface : interfaces) {
       auto& own = scales.emplace_back();
       std::ranges::transform(interface.sides, std::back_inserter(own), &SideDescription::scale);
+      auto& moved = motions.emplace_back();
+      std::ranges::transform(interface.sides, std::back_inserter(moved), &SideDescription::motions);
       add_interface(std::move(interface), owners, sides);
     }
     build_bodies(std::move(bodies), std::move(sides), options, before);
-    stack_metrics(scales);
+    stack_metrics(scales, motions);
   });
   connect();
   find_components(joined);
@@ -212,16 +218,30 @@ void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
   }
 }
 
-void Structure::stack_metrics(const std::vector<std::vector<double>>& scales) {
+void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
+                              const std::vector<std::vector<Matrix>>& motions) {
   weights_.resize(rows_);
   directions_.resize(rows_);
   trace_metric_ = Vector::Zero(rows_);
+  std::vector<Matrix> on_sides(bodies_.size());
   for (std::size_t i = 0; i < interfaces_.size(); ++i) {
     const ActiveInterface& interface = interfaces_[i];
     for (std::size_t s = 0; s < interface.rows.size(); ++s) {
       if (interface.rows[s] >= 0) {
         trace_metric_.segment(interface.rows[s], interface.size()) =
             scales[i][s] * interface.geometry.weights;
+        const auto after = std::ranges::upper_bound(body_rows_, interface.rows[s]);
+        const auto b = static_cast<std::size_t>(after - body_rows_.begin()) - 1;
+        Matrix& all = on_sides[b];
+        const Matrix& own = motions[i][s];
+        if (own.cols() > 0 && all.size() == 0) {
+          all = Matrix::Zero(bodies_[b].rows(), own.cols());
+        }
+        if (own.rows() != (own.cols() > 0 ? interface.size() : 0) || own.cols() != all.cols()) {
+          refuse(interface.name(),
+                 "motions of the body do not fit: give as many on each of its sides");
+        }
+        all.middleRows(interface.rows[s] - body_rows_[b], own.rows()) = own;
       }
     }
   }
@@ -230,6 +250,24 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales) {
     directions_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].directions();
   }
   inverse_directions_ = directions_.cwiseInverse();
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    motions_.push_back(motion_of(b, on_sides[b]));
+  }
+}
+
+/// How the motion of a body as a whole follows from the displacements of its sides, by least squares.
+Matrix Structure::motion_of(std::size_t body, const Matrix& on_sides) const {
+  if (on_sides.cols() == 0) {
+    return {};
+  }
+  const auto metric = trace_metric_.segment(body_rows_[body], bodies_[body].rows());
+  const Eigen::SelfAdjointEigenSolver<Matrix> seen(on_sides.transpose() * metric.asDiagonal() *
+                                                   on_sides);
+  const double largest = seen.eigenvalues().maxCoeff();
+  const Vector inverse = (seen.eigenvalues().array() > unseen * largest)
+                             .select(seen.eigenvalues().array().inverse(), 0.0);
+  return std::sqrt(metric.sum()) * seen.eigenvectors() * inverse.asDiagonal() *
+         seen.eigenvectors().transpose() * on_sides.transpose() * metric.asDiagonal();
 }
 
 /// What the ranks must know of each other.

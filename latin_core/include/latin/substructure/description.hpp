@@ -15,6 +15,10 @@ struct SideDescription {
   SparseRows trace;    ///< T (dim * points, n), global components
   Vector direction;    ///< search direction k per row (components * points), > 0
   double scale;        ///< modulus / length of the body: what a displacement is measured with, > 0
+  /// (rows, r) Rigid motions of the body that nothing in it resists, of mean square 1 over the body, local frame:
+  /// faces say little of what a motion about them does far away. Empty: none.
+  // NOLINTNEXTLINE(readability-redundant-member-init): callers may leave it out
+  Matrix motions{};
 };
 
 /// An active interface: the caller's description. One side: boundary interface. An interface whose sides

@@ -109,6 +109,15 @@ class Structure {
   [[nodiscard]] const Vector& inverse_directions() const { return inverse_directions_; }
   /// scale * W: what displacements of the sides are measured with.
   [[nodiscard]] const Vector& trace_metric() const { return trace_metric_; }
+  /// Square size of displacements (rows) of the sides of a body: on the sides, and, where the body can move as a
+  /// whole, of that motion of the whole.
+  template <class W>
+  [[nodiscard]] double trace_size(std::size_t body, const W& traces) const {
+    const Matrix& whole = motions_[body];
+    const double of_sides = traces.cwiseAbs2().dot(
+        trace_metric_.segment(body_rows_[body], bodies_[body].rows()));
+    return whole.rows() == 0 ? of_sides : of_sides + (whole * traces).squaredNorm();
+  }
 
   /// Number of coarse unknowns; 0: the global stage is not followed by a coarse problem.
   [[nodiscard]] Index macro_size() const;
@@ -137,7 +146,9 @@ class Structure {
   void add_interface(InterfaceDescription description, const Owners& owners, Sides& sides);
   void build_bodies(std::vector<BodyDescription> bodies, Sides sides,
                     const OperatorOptions& options, const Structure* before);
-  void stack_metrics(const std::vector<std::vector<double>>& scales);
+  void stack_metrics(const std::vector<std::vector<double>>& scales,
+                     const std::vector<std::vector<Matrix>>& motions);
+  [[nodiscard]] Matrix motion_of(std::size_t body, const Matrix& on_sides) const;
   void connect();
   void find_components(const std::vector<std::string>& joined);
   void check_neighbours() const;
@@ -154,6 +165,7 @@ class Structure {
   Vector directions_;
   Vector inverse_directions_;
   Vector trace_metric_;
+  std::vector<Matrix> motions_;  ///< by body: of the whole, measured, by the displacements of the sides (r, rows)
   Index rows_ = 0;
   Index total_rows_ = 0;
   Work work_;
