@@ -56,7 +56,7 @@ SOLVE = "return lf.solve(problem, times=TIMES, options=lf.Options(rtol=1e-6))"
 FIRST_PRESSED = "lf.Traction(a(0) * np.array((-0.1, 0.0)) + a(1) * np.array((0.0, 0.03)))"
 RANDOM = {"variables": '{"k": lf.LogNormal("k", 50.0, cov=0.2)}', "random": '["joint"]'}
 SOFT = 'lf.Elastic(normal=v("k"), tangential=20.0)'
-TIGHT = "lf.Options(rtol=1e-13)"
+TIGHT = "lf.Options(rtol=1e-12)"
 PLAN = f"plan=lf.make_plan(problem, vary=RANDOM, options={TIGHT}), keep_states=True, progress=False"
 DIAGONAL = "lf.Options(rtol=1e-8, macro='none', directions='diagonal')"
 

@@ -190,6 +190,35 @@ def test_a_direct_solution_measures_itself(decade: int) -> None:
     assert not result.converged or off <= 3.0 * max(result.plan.options.rtol, LEAST)
 
 
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4])
+def test_a_step_in_which_loads_cancel_is_measured_by_itself(rtol: float) -> None:
+    """Two loads of a linear history all but cancel at the end: errors of their patterns do not."""
+    scene = lf.Scene()
+    parts = ("a", "b", "c")
+    for k, name in enumerate(parts):
+        square(scene, name, float(k), 0.0, STEEL, cells=2)
+    scene.fix("a:x0", name="wall")
+    for k, pair in enumerate(zip(parts, parts[1:], strict=False)):
+        scene.interface(f"j{k}", f"{pair[0]}:x1", f"{pair[1]}:x0", lf.Elastic(normal=STEEL, tangential=STEEL))
+    rising, falling = lf.Amplitude([0.0, 1.0], [1.0, 1.0]), lf.Amplitude([0.0, 1.0], [0.0, -0.999])
+    scene.interface("pull", "c:x1", lf.Traction(rising * np.array((100.0, 20.0))))
+    scene.interface("back", "b:y1", lf.Traction(falling * np.array((80.0, 30.0))))
+    problem = lf.assemble(scene)
+    times = [0.0, 0.5, 0.9, 1.0]
+    settings: dict[str, Any] = {"times": times, "active": "all"}
+    options = lf.Options(rtol=rtol, newton=0, directions="diagonal", macro="none")
+    result = lf.solve(problem, options=options, **settings)
+    exact = lf.solve(problem, times=times)
+    assert result.plan.history == "patterns" and exact.plan.method == "direct" and result.converged
+    assert result.step_errors.shape == (len(times),) and result.statuses == ("converged",) * len(times)
+    for step, said in enumerate(result.step_errors):
+        for name in parts:
+            stiffness = problem.substructures[name].matrix
+            u = exact.displacements[name][step]
+            away = result.displacements[name][step] - u
+            assert away @ (stiffness @ away) <= (3.0 * said) ** 2 * (u @ (stiffness @ u))
+
+
 @pytest.mark.parametrize("contrast", [1e-12, 1e-8, 1e8, 1e12])
 def test_parts_of_far_apart_stiffness(contrast: float) -> None:
     """Two squares in tension without lateral contraction: each carries 1, and gives as much as it is soft."""
