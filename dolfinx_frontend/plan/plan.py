@@ -771,13 +771,11 @@ def _reach(
     decisions: list[Decision] = []
     paired: tuple[str, ...] = ()
     if problem.distribution is not None:
-        if options.macro in ("resultants", "linear") or options.directions == "matrix":
+        if options.directions == "matrix":
             raise SceneError(
-                "a coarse problem and matrix directions are not spread over ranks yet: use "
-                "macro='automatic' and directions='automatic', or one rank"
+                "matrix directions are not spread over ranks yet: use directions='automatic', or one rank"
             )
-        return (), "linear", (), decisions
-    if options.directions != "diagonal" and cut:
+    elif options.directions != "diagonal" and cut:
         if chosen == "accelerated" or options.directions == "matrix":
             paired = tuple(cut)
             decisions.append(

@@ -92,11 +92,22 @@ void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
     } else {
       global_.change(*step, traces);
     }
-    if (structure().macro_size() > 0) {
-      const Matrix added = global_.balance(local_, amplitudes_, data, traces);
-      if (step != nullptr) {
-        *step += added;
-      }
+  });
+  if (structure().macro_size() > 0) {
+    balance(step, data, traces);
+  }
+}
+
+void Stages::balance(Matrix* step, Matrix& data, Matrix& traces) {
+  Matrix imbalance = Matrix::Zero(structure().macro().size(), data.cols());
+  if (!failed()) {
+    attempt([&] { imbalance = global_.imbalance(local_, data, traces); });
+  }
+  structure().communicator().sum({imbalance.data(), static_cast<std::size_t>(imbalance.size())});
+  attempt([&] {
+    const Matrix added = global_.balance(imbalance, amplitudes_, data, traces);
+    if (step != nullptr) {
+      *step += added;
     }
   });
 }

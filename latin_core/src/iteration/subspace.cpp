@@ -156,7 +156,8 @@ bool Subspace::grow(const Vector& direction) {
   ++stages_;
   if (structure.macro_size() > 0) {
     const Matrix forces = data - structure.directions().asDiagonal() * traces;
-    static_cast<void>(structure.macro().correct(forces, data, traces));
+    const substructure::Macro& macro = structure.macro();
+    static_cast<void>(macro.correct(macro.imbalance(forces), data, traces));
     return add(std::move(data), std::move(traces));
   }
   bool grown = false;

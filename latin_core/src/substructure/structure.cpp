@@ -83,8 +83,8 @@ void check_interface(const InterfaceDescription& interface, const auto& is_here)
 std::string label(const ActiveInterface& interface, int other) {
   return interface.name() + "' between ranks " + std::to_string(other) + " with " +
          std::to_string(interface.geometry.points) + " points of " +
-         std::to_string(interface.geometry.components) + " components, '" +
-         interface.geometry.law->name();
+         std::to_string(interface.geometry.components) + " components, " +
+         std::to_string(interface.basis.cols()) + " moments, '" + interface.geometry.law->name();
 }
 
 }  // namespace
@@ -180,8 +180,8 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
          entry.geometry.weights, std::move(side.direction)});
     sides.owner[place.body].emplace_back(interfaces_.size(), s);
   }
-  if ((description.paired || description.basis.size() > 0) && !communicator_.alone()) {
-    refuse(name, "a coarse problem and paired interfaces are not spread over ranks");
+  if (description.paired && !communicator_.alone()) {
+    refuse(name, "paired interfaces are not spread over ranks");
   }
   if (description.paired && !entry.geometry.law->linear()) {
     refuse(name, "law '" + entry.geometry.law->name() + "' is nonlinear and cannot be paired");
@@ -277,6 +277,33 @@ void Structure::connect() {
     const Matrix there = exchange.incoming(slots[n]);
     interfaces_[shared_[n]].flexibility += there.col(0).cwiseInverse();
   }
+  share_bases();
+}
+
+/// The displacements of the coarse problem must be the same on both ranks of an interface, to the last bit.
+void Structure::share_bases() {
+  double moments = 0.0;
+  for (const ActiveInterface& interface : interfaces_) {
+    moments += interface.rows.front() < 0 ? 0.0 : static_cast<double>(interface.basis.cols());
+  }
+  macro_size_ = static_cast<Index>(std::llround(communicator_.sum(moments)));
+  Exchange exchange(communicator_);
+  std::vector<std::size_t> slots;
+  slots.reserve(shared_.size());
+  for (const std::size_t i : shared_) {
+    slots.push_back(exchange.add(interfaces_[i].away.rank, interfaces_[i].basis.size()));
+  }
+  exchange.prepare(1);
+  for (std::size_t n = 0; n < shared_.size(); ++n) {
+    exchange.outgoing(slots[n]) = interfaces_[shared_[n]].basis.reshaped();
+  }
+  exchange.start().finish();
+  for (std::size_t n = 0; n < shared_.size(); ++n) {
+    ActiveInterface& interface = interfaces_[shared_[n]];
+    if (interface.away.side == 0) {
+      interface.basis.reshaped() = exchange.incoming(slots[n]);
+    }
+  }
 }
 
 /// @param joined substructures, two of each interface one after the other
@@ -331,7 +358,7 @@ void Structure::check_neighbours() const {
       if (std::ranges::find(there, label(interfaces_[i], communicator_.rank())) == there.end()) {
         throw InputError("interface '" + interfaces_[i].name() + "' is not the same on rank " +
                          std::to_string(rank) +
-                         ": describe it on both with the same points, components and law");
+                         ": describe it on both with the same points, components, moments and law");
       }
     }
   });
@@ -363,20 +390,15 @@ bool Structure::has_interface(const std::string& name) const {
   return std::ranges::find(interfaces_, name, &ActiveInterface::name) != interfaces_.end();
 }
 
-Index Structure::macro_size() const {
-  return std::transform_reduce(interfaces_.begin(), interfaces_.end(), Index{0}, std::plus<>(),
-                               [](const ActiveInterface& each) { return each.basis.cols(); });
-}
-
 const Macro& Structure::macro() const {
   return macro_.get([this] {
     std::vector<MacroInterface> interfaces;
     for (const ActiveInterface& interface : interfaces_) {
       if (interface.basis.size() > 0) {
-        interfaces.push_back({interface.rows, interface.basis});
+        interfaces.push_back({interface.name(), interface.rows, interface.basis});
       }
     }
-    return Macro(bodies_, body_rows_, interfaces);
+    return Macro(bodies_, body_rows_, interfaces, communicator_);
   });
 }
 

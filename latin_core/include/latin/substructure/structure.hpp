@@ -110,9 +110,9 @@ class Structure {
   /// scale * W: what displacements of the sides are measured with.
   [[nodiscard]] const Vector& trace_metric() const { return trace_metric_; }
 
-  /// Number of coarse unknowns; 0: the global stage is not followed by a coarse problem.
-  [[nodiscard]] Index macro_size() const;
-  /// The coarse problem, factorised when first asked for.
+  /// Number of coarse unknowns of all ranks; 0: the global stage is not followed by a coarse problem.
+  [[nodiscard]] Index macro_size() const { return macro_size_; }
+  /// The coarse problem, factorised when first asked for, which is collective.
   [[nodiscard]] const Macro& macro() const;
   /// Whether flexibility() can be made: every body with sides is condensed, there is one rank, and its matrix keeps
   /// to the memory limit of dense blocks.
@@ -139,6 +139,7 @@ class Structure {
                     const OperatorOptions& options, const Structure* before);
   void stack_metrics(const std::vector<std::vector<double>>& scales);
   void connect();
+  void share_bases();
   void find_components(const std::vector<std::string>& joined);
   void check_neighbours() const;
 
@@ -159,6 +160,7 @@ class Structure {
   Work work_;
   Index loads_ = 0;
   Index interface_unknowns_ = 0;
+  Index macro_size_ = 0;
   double memory_limit_;  ///< bytes of a dense block; 0: none
   Lazy<Macro> macro_;
   Lazy<Flexibility> flexibility_;
