@@ -186,11 +186,11 @@ NewtonProposal::Solver Stages::newton(double tolerance) {
       return newton->solve(state, tolerance);
     };
   }
-  return [this, tolerance, system = std::shared_ptr<substructure::InterfaceSystem>(),
+  return [this, tolerance, system = std::shared_ptr<JoinedSystem>(),
           subspace = std::shared_ptr<Subspace>()](State& state) mutable {
     if (!subspace) {
-      system = std::make_shared<substructure::InterfaceSystem>(laws());
-      subspace = std::make_shared<Subspace>(global_, *system);
+      system = std::make_shared<JoinedSystem>(global_);
+      subspace = std::make_shared<Subspace>(*system);
     }
     return subspace->solve(state, amplitudes_, residual_accuracy * tolerance);
   };

@@ -282,11 +282,16 @@ void Structure::connect() {
 
 /// The displacements of the coarse problem must be the same on both ranks of an interface, to the last bit.
 void Structure::share_bases() {
-  double moments = 0.0;
+  std::array<double, 2> sums{};
   for (const ActiveInterface& interface : interfaces_) {
-    moments += interface.rows.front() < 0 ? 0.0 : static_cast<double>(interface.basis.cols());
+    if (interface.rows.front() >= 0) {
+      sums[0] += static_cast<double>(interface.basis.cols());
+      sums[1] += static_cast<double>(interface.size());
+    }
   }
-  macro_size_ = static_cast<Index>(std::llround(communicator_.sum(moments)));
+  communicator_.sum(sums);
+  macro_size_ = static_cast<Index>(std::llround(sums[0]));
+  total_unknowns_ = static_cast<Index>(std::llround(sums[1]));
   Exchange exchange(communicator_);
   std::vector<std::size_t> slots;
   slots.reserve(shared_.size());
@@ -403,31 +408,15 @@ const Macro& Structure::macro() const {
 }
 
 bool Structure::has_flexibility() const {
-  const auto unknowns = static_cast<double>(interface_unknowns_);
+  const auto unknowns = static_cast<double>(total_unknowns_);
   const bool affordable = memory_limit_ <= 0.0 || 8.0 * unknowns * unknowns <= memory_limit_;
-  return affordable && communicator_.alone() && std::ranges::all_of(bodies_, [](const Body& body) {
-           return body.rows() == 0 || body.condensed();
-         });
+  return affordable &&
+         communicator_.everywhere(std::ranges::all_of(
+             bodies_, [](const Body& body) { return body.rows() == 0 || body.condensed(); }));
 }
 
 const Flexibility& Structure::flexibility() const {
-  return flexibility_.get([this] {
-    std::vector<Index> unknown(static_cast<std::size_t>(rows_));
-    Vector sign(rows_);
-    std::vector<Index> components;
-    for (const ActiveInterface& interface : interfaces_) {
-      components.insert(components.end(), static_cast<std::size_t>(interface.size()),
-                        interface.geometry.components);
-      for (std::size_t s = 0; s < interface.rows.size(); ++s) {
-        for (Index row = 0; row < interface.size(); ++row) {
-          unknown[static_cast<std::size_t>(interface.rows[s] + row)] =
-              interface.first_unknown + row;
-          sign(interface.rows[s] + row) = s == 0 ? 1.0 : -1.0;
-        }
-      }
-    }
-    return Flexibility(bodies_, body_rows_, std::move(unknown), std::move(sign), components);
-  });
+  return flexibility_.get([this] { return Flexibility(*this); });
 }
 
 }  // namespace latin::substructure

@@ -102,6 +102,8 @@ class Structure {
   [[nodiscard]] const std::vector<std::size_t>& shared_interfaces() const { return shared_; }
   /// All interfaces as one: the points and components ("unknowns") of one after the other.
   [[nodiscard]] Index interface_unknowns() const { return interface_unknowns_; }
+  /// Those of all ranks, each interface once.
+  [[nodiscard]] Index total_unknowns() const { return total_unknowns_; }
 
   /// Weights and search directions k of all rows.
   [[nodiscard]] const Vector& weights() const { return weights_; }
@@ -114,10 +116,10 @@ class Structure {
   [[nodiscard]] Index macro_size() const { return macro_size_; }
   /// The coarse problem, factorised when first asked for, which is collective.
   [[nodiscard]] const Macro& macro() const;
-  /// Whether flexibility() can be made: every body with sides is condensed, there is one rank, and its matrix keeps
-  /// to the memory limit of dense blocks.
+  /// Whether flexibility() can be made: every body with sides is condensed, and its matrix keeps to the memory limit of
+  /// dense blocks. Collective.
   [[nodiscard]] bool has_flexibility() const;
-  /// Dense flexibility of the interfaces, made when first asked for.
+  /// Dense flexibility of the interfaces, made when first asked for, which is collective.
   [[nodiscard]] const Flexibility& flexibility() const;
 
  private:
@@ -161,6 +163,7 @@ class Structure {
   Index loads_ = 0;
   Index interface_unknowns_ = 0;
   Index macro_size_ = 0;
+  Index total_unknowns_ = 0;
   double memory_limit_;  ///< bytes of a dense block; 0: none
   Lazy<Macro> macro_;
   Lazy<Flexibility> flexibility_;
