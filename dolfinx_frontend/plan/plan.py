@@ -62,7 +62,8 @@ _UNMATCHED = "its meshes do not match"
 _UNGLUED = "its jump cannot be glued"
 _ASKED = "asked for"
 _PAPER = "the paper keeps them all"
-_CUT = (_UNMATCHED, _UNGLUED, _ASKED, _PAPER)
+_RANKS = "its sides lie on two ranks"
+_CUT = (_UNMATCHED, _UNGLUED, _ASKED, _PAPER, _RANKS)
 """Reasons to keep an interface whose law is linear and fixed."""
 
 
@@ -481,7 +482,8 @@ def make_plan(
         decisions += [_of_direction(direction, chosen), *reach, tolerance]
     here = [name for name in kept if name in problem.own.interfaces]
     zone = interface_unknowns(problem, kept) if dense else 0
-    cost = predict(problem.own, here, columns, options, paired, newton, zone)
+    pairs = [name for name in paired if name in here]
+    cost = predict(problem.own, here, columns, options, pairs, newton, zone)
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
@@ -576,13 +578,13 @@ def _wanted(
     scaled: Sequence[str] = (),
 ) -> dict[str, str]:
     """Interfaces that are kept whatever their law allows -> why."""
-    reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
+    reasons = dict.fromkeys(problem.cuts, _RANKS)
     reasons |= _around(problem, scaled)
     for name in _names(problem, vary, "plan"):
         reasons[name] = "its law varies"
     for name, interface in problem.interfaces.items():
-        if set(interface.law.varying) - set(interface.law.loading):
-            reasons.setdefault(name, "its law changes in time")
+        if set(interface.law.varying) - set(interface.law.loading) and reasons.get(name, _RANKS) == _RANKS:
+            reasons[name] = "its law changes in time"
     tied = [n for n in reasons if problem.interfaces[n].law.elimination is Elimination.TIED]
     if tied:
         raise SceneError(
@@ -770,12 +772,7 @@ def _reach(
     """Interfaces in the coarse problem, its moments, interfaces with matrix directions, and why."""
     decisions: list[Decision] = []
     paired: tuple[str, ...] = ()
-    if problem.distribution is not None:
-        if options.directions == "matrix":
-            raise SceneError(
-                "matrix directions are not spread over ranks yet: use directions='automatic', or one rank"
-            )
-    elif options.directions != "diagonal" and cut:
+    if options.directions != "diagonal" and cut:
         if chosen == "accelerated" or options.directions == "matrix":
             paired = tuple(cut)
             decisions.append(

@@ -141,9 +141,14 @@ Matrix JoinedSystem::traces(ConstMatrixRef data, ConstMatrixRef amplitudes) cons
 }
 
 void JoinedSystem::precondition(Matrix& residual) const {
-  if (laws().preconditions()) {
-    laws().precondition(residual);
+  if (!laws().preconditions()) {
+    return;
   }
+  residual = of_rows(residual.cols(), [&] {
+    Matrix own = joined_.own_rows(residual);
+    laws().precondition(own);
+    return own;
+  });
 }
 
 void JoinedSystem::balance(Matrix& data, Matrix& traces) const {

@@ -55,7 +55,9 @@ FixedPoint Stages::fixed_point() {
       },
       {}};
   if (laws().preconditions()) {
-    stages.precondition = [this](MatrixRef residual) { laws().precondition(residual); };
+    stages.precondition = [this](MatrixRef residual) {
+      attempt([&] { laws().precondition(residual); });
+    };
   }
   return stages;
 }

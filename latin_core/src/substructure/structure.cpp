@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 #include <ranges>
 #include <utility>
@@ -84,7 +85,7 @@ std::string label(const ActiveInterface& interface, int other) {
   return interface.name() + "' between ranks " + std::to_string(other) + " with " +
          std::to_string(interface.geometry.points) + " points of " +
          std::to_string(interface.geometry.components) + " components, " +
-         std::to_string(interface.basis.cols()) + " moments, '" + interface.geometry.law->name();
+         std::to_string(interface.basis.cols()) + " moments, " + (interface.paired ? "paired, '" : "'") + interface.geometry.law->name();
 }
 
 }  // namespace
@@ -179,9 +180,6 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
         {place.member, interface::to_local_frame(side.trace, description.frames, name),
          entry.geometry.weights, std::move(side.direction)});
     sides.owner[place.body].emplace_back(interfaces_.size(), s);
-  }
-  if (description.paired && !communicator_.alone()) {
-    refuse(name, "paired interfaces are not spread over ranks");
   }
   if (description.paired && !entry.geometry.law->linear()) {
     refuse(name, "law '" + entry.geometry.law->name() + "' is nonlinear and cannot be paired");
@@ -278,12 +276,16 @@ void Structure::connect() {
     interfaces_[shared_[n]].flexibility += there.col(0).cwiseInverse();
   }
   share_bases();
+  if (pairs_ && !communicator_.alone()) {
+    share_pairs();
+  }
 }
 
 /// The displacements of the coarse problem must be the same on both ranks of an interface, to the last bit.
 void Structure::share_bases() {
-  std::array<double, 2> sums{};
+  std::array<double, 3> sums{};
   for (const ActiveInterface& interface : interfaces_) {
+    sums[2] += interface.paired ? 1.0 : 0.0;
     if (interface.rows.front() >= 0) {
       sums[0] += static_cast<double>(interface.basis.cols());
       sums[1] += static_cast<double>(interface.size());
@@ -292,6 +294,7 @@ void Structure::share_bases() {
   communicator_.sum(sums);
   macro_size_ = static_cast<Index>(std::llround(sums[0]));
   total_unknowns_ = static_cast<Index>(std::llround(sums[1]));
+  pairs_ = sums[2] > 0.0;
   Exchange exchange(communicator_);
   std::vector<std::size_t> slots;
   slots.reserve(shared_.size());
@@ -308,6 +311,67 @@ void Structure::share_bases() {
     if (interface.away.side == 0) {
       interface.basis.reshaped() = exchange.incoming(slots[n]);
     }
+  }
+}
+
+PairSide Structure::pair_side(const ActiveInterface& interface, std::size_t side) const {
+  const Index row = interface.rows[side];
+  // a body without rows begins where the next one does
+  const auto after = std::upper_bound(body_rows_.begin(), body_rows_.end(), row);
+  const auto b = static_cast<std::size_t>(after - body_rows_.begin()) - 1;
+  return {bodies_[b], row - body_rows_[b], interface.geometry.weights};
+}
+
+/// Tell neighbours the sides of the pairs that they share.
+void Structure::share_pairs() {
+  std::vector<std::size_t> paired;
+  std::ranges::copy_if(shared_, std::back_inserter(paired),
+                       [this](std::size_t i) { return interfaces_[i].paired; });
+  std::vector<std::vector<double>> own(paired.size());
+  std::vector<std::string> names(paired.size());
+  communicator_.together([&] {
+    for (std::size_t n = 0; n < paired.size(); ++n) {
+      const ActiveInterface& interface = interfaces_[paired[n]];
+      const PairSide side = pair_side(interface, interface.here());
+      own[n] = side.packed();
+      names[n] = side.body;
+    }
+  });
+  const auto swap = [&](const auto& size_of, const auto& value_of) {
+    Exchange exchange(communicator_);
+    std::vector<std::size_t> slots;
+    for (std::size_t n = 0; n < paired.size(); ++n) {
+      slots.push_back(exchange.add(interfaces_[paired[n]].away.rank, size_of(n)));
+    }
+    exchange.prepare(1);
+    for (std::size_t n = 0; n < paired.size(); ++n) {
+      auto block = exchange.outgoing(slots[n]);
+      for (Index row = 0; row < block.rows(); ++row) {
+        block(row, 0) = value_of(n, row);
+      }
+    }
+    exchange.start().finish();
+    std::vector<std::vector<double>> found;
+    for (const std::size_t slot : slots) {
+      const Matrix block = exchange.incoming(slot);
+      found.emplace_back(block.data(), block.data() + block.size());
+    }
+    return found;
+  };
+  // both ways have one length: that of the longer one
+  const auto lengths = swap([](std::size_t) { return Index{1}; },
+                            [&](std::size_t n, Index) { return static_cast<double>(own[n].size()); });
+  const auto longer = [&](std::size_t n) {
+    return std::max(static_cast<Index>(own[n].size()), static_cast<Index>(lengths[n].front()));
+  };
+  const auto beyond = swap(longer, [&](std::size_t n, Index row) {
+    const auto at = static_cast<std::size_t>(row);
+    return at < own[n].size() ? own[n][at] : 0.0;
+  });
+  for (std::size_t n = 0; n < paired.size(); ++n) {
+    ActiveInterface& interface = interfaces_[paired[n]];
+    interface.beyond = std::make_shared<const PairSide>(
+        PairSide::unpacked(beyond[n], interface.size(), "of interface " + interface.name()));
   }
 }
 

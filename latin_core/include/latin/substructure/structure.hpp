@@ -12,6 +12,7 @@
 #include "latin/substructure/description.hpp"
 #include "latin/substructure/flexibility.hpp"
 #include "latin/substructure/macro.hpp"
+#include "latin/substructure/pair.hpp"
 
 namespace latin::substructure {
 
@@ -24,6 +25,8 @@ struct ActiveInterface {
   Index first_unknown = 0;  ///< among the points and components of all interfaces
   Matrix basis;             ///< of the coarse problem; empty: not in it
   bool paired = false;
+  /// What the side on another rank is to a pair; null: there is none.
+  std::shared_ptr<const PairSide> beyond;
   /// The side on another rank; rank -1: none.
   struct Away {
     std::size_t side = 0;
@@ -112,6 +115,10 @@ class Structure {
   /// scale * W: what displacements of the sides are measured with.
   [[nodiscard]] const Vector& trace_metric() const { return trace_metric_; }
 
+  /// Whether some interface is paired, on any rank.
+  [[nodiscard]] bool pairs() const { return pairs_; }
+  /// A side of a paired interface that is on this rank.
+  [[nodiscard]] PairSide pair_side(const ActiveInterface& interface, std::size_t side) const;
   /// Number of coarse unknowns of all ranks; 0: the global stage is not followed by a coarse problem.
   [[nodiscard]] Index macro_size() const { return macro_size_; }
   /// The coarse problem, factorised when first asked for, which is collective.
@@ -142,6 +149,7 @@ class Structure {
   void stack_metrics(const std::vector<std::vector<double>>& scales);
   void connect();
   void share_bases();
+  void share_pairs();
   void find_components(const std::vector<std::string>& joined);
   void check_neighbours() const;
 
@@ -164,6 +172,7 @@ class Structure {
   Index interface_unknowns_ = 0;
   Index macro_size_ = 0;
   Index total_unknowns_ = 0;
+  bool pairs_ = false;
   double memory_limit_;  ///< bytes of a dense block; 0: none
   Lazy<Macro> macro_;
   Lazy<Flexibility> flexibility_;
