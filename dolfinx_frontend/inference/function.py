@@ -357,7 +357,6 @@ class ProblemFunction:
         SceneError
             The point does not converge.
         """
-        self.problem.on_one_rank("derivatives of a function")
         point = self._inputs.checked(x)
         if len(point) != 1:
             raise SceneError(f"function: derivatives of {len(point)} points; give one, (inputs,)")
@@ -454,7 +453,9 @@ def problem_function(
     """As :meth:`Problem.function`, which has the parameters; `more`: random numbers beside the problem's."""
     settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
     check_problem("function", problem, plan)
-    file = checkpoint_path("function", problem, checkpoint)
+    file = checkpoint_path("function", checkpoint)
+    if file is not None:
+        problem.on_one_rank("a checkpoint of a function")
     check_settings("function", plan, method, **settings)
     check_known("on_failure", on_failure, ("nan", "raise"), "function")
     named = _named("function", quantities)

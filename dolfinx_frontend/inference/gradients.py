@@ -22,9 +22,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from latin_core import Laws, Linearised, NumericalError, State
 from scipy import linalg
 
+from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.inference.inputs import Inputs
 from dolfinx_frontend.inference.points import amplitudes_at, answer_at, laws_at, part_of
@@ -84,7 +86,7 @@ def derivatives(
     state: State,
     read: Callable[[SweepResult, Array], Array],
 ) -> Derivatives:
-    """Derivatives of readings at a solved point.
+    """Derivatives of readings at a solved point; collective.
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ def derivatives(
         An answer at points, and these (N, inputs) -> readings (N, quantities).
     """
     columns = solver.plan.amplitudes.shape[1]
-    numbers = 6.0 * 8.0 * max(solver.rows, 1) * columns
+    numbers = 6.0 * 8.0 * max(solver.total_rows, 1) * columns
     at_once = max(1, int(BYTES / numbers))
     steps = inputs.steps(x)
     found = [
@@ -135,7 +137,7 @@ def _some(
     system = _System(solver, laws, state, amplitudes_at(plan, here), columns)
 
     data = np.asfortranarray(np.tile(state.data, (1, 2 * count)))
-    if solver.rows:
+    if solver.total_rows:
         traces = solver.global_stage(laws_there, data, loads_there)
         moved = solver.local_stage(laws_there, data, traces)
         scale = np.repeat(widths, columns)
@@ -145,20 +147,18 @@ def _some(
         data = np.asfortranarray(data + np.hstack([change, -change]))
     else:
         residual, right = 0.0, np.zeros((0, count * columns))
-    traces = solver.global_stage(laws_there, data, loads_there) if solver.rows else data
+    traces = solver.global_stage(laws_there, data, loads_there) if solver.total_rows else data
     answer = answer_at(solver.problem, solver, laws_there, data, traces, there)
     values = read(answer, around)
-    kinks, places = np.zeros(count, dtype=bool), [""] * count
-    if solver.rows:
+    kinks: Flags = np.zeros(count, dtype=bool)
+    places = [""] * count
+    if solver.total_rows:
         left = solver.local_stage(laws_there, data, traces) - np.tile(system.residual, (1, 2 * count))
-        for k in range(count):
-            own = slice(k * columns, (k + 1) * columns)
-            other = slice((count + k) * columns, (count + k + 1) * columns)
-            away = np.abs(np.hstack([left[:, own], left[:, other]])).max(axis=1)
-            size = float(np.abs(change[:, own]).max() + widths[k] * np.abs(right[:, own]).max())
-            if size > NOTHING * system.size and away.max() > FLAGGED * size:
-                kinks[k] = True
-                places[k] = system.place(int(away.argmax()))
+        ends = np.hstack([np.abs(change)] * 2), np.hstack([np.abs(right)] * 2), np.abs(left)
+        changed, asked, away = (system.sets(each).reshape(2, count).max(axis=0) for each in ends)
+        size = changed + widths * asked
+        kinks = (size > NOTHING * system.size) & (away > FLAGGED * size)
+        places = system.places(left.reshape(len(left), 2, count, columns), kinks)
     quotients = (values[:count] - values[count:]) / (2.0 * widths[:, None])
     return Derivatives(np.ascontiguousarray(quotients.T), kinks, tuple(places), residual)
 
@@ -169,10 +169,14 @@ class _System:
     def __init__(self, solver: Solver, laws: Laws, state: State, amplitudes: Array, columns: int) -> None:
         self.solver, self.laws, self.columns = solver, laws, columns
         self.data = np.asfortranarray(state.data)
-        self.size = float(np.abs(self.data).max(initial=0.0)) or 1.0
+        self.comm = solver.problem.comm
+        self.size = float(self._largest(np.abs(self.data).max(initial=0.0))) or 1.0
         self.no_loads = np.zeros_like(amplitudes)
-        if not solver.rows:
+        if not solver.total_rows:
             return
+        rows = [solver.rows] if self.comm is None else exchanged(self.comm, solver.rows)
+        first = sum(rows[: solver.problem.rank])
+        self.own = slice(first, first + solver.rows)
         self.traces = solver.global_stage(laws, self.data, amplitudes)
         self.residual = solver.local_stage(laws, self.data, self.traces)
         self.tangent: Linearised | None = None
@@ -181,7 +185,21 @@ class _System:
         except NumericalError as error:
             _log.info("derivatives: no tangent of the whole structure, no preconditioner: %s", error)
 
-    def place(self, row: int) -> str:
+    def _largest(self, values: npt.ArrayLike) -> Array:
+        """The largest of every number on all ranks."""
+        own = np.asarray(values, dtype=np.float64)
+        return own if self.comm is None else np.max(exchanged(self.comm, own), axis=0)
+
+    def places(self, left: Array, kinks: Flags) -> list[str]:
+        """Interfaces where residuals (rows, 2, inputs, columns) are largest, of the inputs with kinks."""
+        sizes = np.abs(left).max(axis=(1, 3), initial=0.0)
+        rows = sizes.argmax(axis=0) if len(sizes) else np.zeros(len(kinks), dtype=np.int64)
+        own = [(float(sizes[row, k]), self._place(int(row))) for k, row in enumerate(rows) if len(sizes)]
+        own = own or [(0.0, "")] * len(kinks)
+        every = [own] if self.comm is None else exchanged(self.comm, own)
+        return [max(of_ranks)[1] if kink else "" for *of_ranks, kink in zip(*every, kinks, strict=True)]
+
+    def _place(self, row: int) -> str:
         """The interface of a row."""
         for name in self.solver.plan.active:
             if name not in self.solver.problem.own.interfaces:
@@ -191,10 +209,10 @@ class _System:
                 return name
         return ""
 
-    def _sets(self, block: Array) -> Array:
-        """(rows, sets * columns) -> largest number of every set, (sets,)."""
-        sets = np.abs(block).reshape(len(block), -1, self.columns)
-        return np.asarray(sets.max(axis=(0, 2), initial=0.0))
+    def sets(self, block: Array) -> Array:
+        """(rows, sets * columns) -> largest number of every set on all ranks, (sets,)."""
+        sets = np.abs(block).reshape(len(block), block.shape[1] // self.columns, self.columns)
+        return self._largest(sets.max(axis=(0, 2), initial=0.0))
 
     def _repeated(self, count: int) -> tuple[Laws, Array]:
         """Laws and no loads for sets of columns side by side."""
@@ -208,7 +226,7 @@ class _System:
         count = change.shape[1] // self.columns
         laws, loads = self._repeated(count)
         moved = self.solver.global_stage(laws, np.asfortranarray(change), loads)
-        size = self._sets(change)
+        size = self.sets(change)
         reach = np.where(size > 0.0, REACH * self.size / np.where(size > 0.0, size, 1.0), 0.0)
         by = np.repeat(reach, self.columns)
         data, traces = np.tile(self.data, (1, count)), np.tile(self.traces, (1, count))
@@ -230,7 +248,7 @@ class _System:
 
     def solve(self, right: Array, widths: Array) -> tuple[Array, float]:
         """Changes (rows, sets * columns) with ``apply(changes) = -right``; the largest relative residual."""
-        sizes = self._sets(right)
+        sizes = self.sets(right)
         widest = widths.reshape(-1, self.columns)[:, 0]
         nothing = sizes * widest <= NOTHING * self.size
         answer = np.zeros_like(right)
@@ -239,7 +257,7 @@ class _System:
         for _ in range(MOST_SWEEPS + self.columns):
             trial = answer + self.correct(left)
             rest = right + self.apply(trial)
-            now = np.where(nothing, 0.0, self._sets(rest) / np.where(nothing, 1.0, sizes))
+            now = np.where(nothing, 0.0, self.sets(rest) / np.where(nothing, 1.0, sizes))
             better = now < best
             if not better.any():
                 break
@@ -257,14 +275,16 @@ class _System:
         return answer, float(best.max(initial=0.0))
 
     def _vectors(self, block: Array) -> Array:
-        """(rows, sets * columns) -> (rows * columns, sets)."""
+        """(rows, sets * columns) -> (rows of all ranks * columns, sets)."""
+        if self.comm is not None:
+            block = np.vstack(exchanged(self.comm, block))
         shaped = block.reshape(len(block), -1, self.columns).transpose(0, 2, 1)
         return np.ascontiguousarray(shaped).reshape(-1, shaped.shape[2])
 
     def _block(self, vectors: Array) -> Array:
-        """(rows * columns, sets) -> (rows, sets * columns)."""
-        shaped = vectors.reshape(-1, self.columns, vectors.shape[1]).transpose(0, 2, 1)
-        return np.asfortranarray(shaped.reshape(len(shaped), -1))
+        """(rows of all ranks * columns, sets) -> (rows, sets * columns)."""
+        shaped = vectors.reshape(-1, self.columns, vectors.shape[1])[self.own].transpose(0, 2, 1)
+        return np.asfortranarray(shaped.reshape(len(shaped), shaped.shape[1] * shaped.shape[2]))
 
     def _krylov(self, right: Array, start: Array) -> tuple[Array, Array]:
         """The same of several sets, by conjugate residuals in one space of all of them.

@@ -30,8 +30,8 @@ def laws_at(solver: Solver, laws: Laws, parameters: Sequence[SweptParameter]) ->
     count = parameters[0].values.shape[1] if parameters else 1
     given: dict[str, dict[str, Array]] = {}
     for each in parameters:
-        if not each.interface or each.parameter == STIFFNESS:
-            continue
+        if not each.interface or each.parameter == STIFFNESS or each.interface not in laws.interfaces:
+            continue  # no law, or one of other ranks
         at: Array = (each.pattern @ each.values).reshape(each.columns, -1, count).transpose(1, 2, 0)
         at = np.repeat(at, columns // each.columns, axis=2) if columns > 1 else at
         given.setdefault(each.interface, {})[each.parameter] = np.asfortranarray(at.reshape(len(at), -1))

@@ -313,7 +313,7 @@ def chance(
         found = plain_sampling(limit, rng, cov, limit.left(most), level)
         return Chance(found, (), none, "monte carlo", f"it happened at {hits} of {PILOT} independent points")
     if method == "auto" and not limit.differentiable:
-        return _without_points(limit, rng, cov, level, most, "derivatives work on one rank only")
+        return _without_points(limit, rng, cov, level, most, "there are no derivatives")
     points = _searched(limit, pilot, margins, rng)
     usable = [each for each in points if each.beta > 0.0]
     if method in ("form", "sorm"):

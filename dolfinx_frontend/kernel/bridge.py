@@ -26,7 +26,7 @@ from dolfinx_frontend.kernel.motions import motions_of, on_side
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan, check_reach
-from dolfinx_frontend.plan.reduction import Body, factorised_stiffness, reduce
+from dolfinx_frontend.plan.reduction import Body, count_bodies, factorised_stiffness, reduce
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -358,6 +358,7 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
         )
         for patterns in reduced
     ]
+    count = count_bodies(problem, plan.eliminated)
     motions: dict[str, Array] = {}
     for patterns in reduced if plan.active else ():
         motions |= motions_of(own, plan, next(iter(patterns.values())).members)
@@ -367,7 +368,7 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
             continue
         interface = own.interfaces[name]
         found[name] = fields = active_fields(interface, plan)
-        direction = _direction(problem, plan, interface, fields, len(bodies))
+        direction = _direction(problem, plan, interface, fields, count)
         interfaces.append(_interface(own, plan, interface, fields, direction, scale, motions))
     return Description(bodies, interfaces, found, reduced)
 

@@ -34,6 +34,7 @@ from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.frozen import ReadOnlyDict, read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.rank_checkpoint import RankCheckpoint
 from dolfinx_frontend.kernel.running import Interrupt
 from dolfinx_frontend.plan.plan import Plan
 
@@ -198,6 +199,9 @@ class Solver:
         if self.problem.comm is None:
             self.problem.check_unchanged()
         own = self.problem.own.interfaces
+        file: Any = checkpoint
+        if checkpoint is not None and self.problem.comm is not None:
+            file = RankCheckpoint(self.problem.comm, checkpoint, header or {})
         points = kernel_sweep(
             self._core,
             laws,
@@ -206,7 +210,7 @@ class Solver:
             order,
             [name for name in self.plan.active if name in own],
             options,
-            checkpoint,
+            file,
             header,
             progress,
             callback,

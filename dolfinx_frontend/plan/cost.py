@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.plan.reduction import members_of_bodies
 from latin_core import Options
 
@@ -125,12 +126,14 @@ def blocks_fit(problem: Problem, active: Iterable[str], options: Options) -> boo
 
 def newton_is_dense(problem: Problem, active: Iterable[str], options: Options) -> bool:
     """Whether Newton's method has a dense flexibility of the interfaces: all bodies condensed, and within the
-    memory limit."""
+    memory limit. Collective."""
     kept = tuple(active)
     size = 8.0 * float(interface_unknowns(problem, kept)) ** 2
-    return (options.memory_limit <= 0 or size <= options.memory_limit) and all(
-        body.condensed(options) for body in _bodies(problem, kept) if body.active
-    )
+    here = tuple(name for name in kept if name in problem.own.interfaces)
+    condensed = all(body.condensed(options) for body in _bodies(problem.own, here) if body.active)
+    if problem.comm is not None:
+        condensed = all(exchanged(problem.comm, condensed))
+    return condensed and (options.memory_limit <= 0 or size <= options.memory_limit)
 
 
 def predict(
@@ -140,6 +143,7 @@ def predict(
     options: Options,
     paired: Iterable[str] = (),
     newton: bool = False,
+    dense: int = 0,
 ) -> Cost:
     """Cost of factorising and iterating with these active interfaces.
 
@@ -155,21 +159,22 @@ def predict(
         Interfaces that are solved with both of their parts: a dense factor each.
     newton
         Whether Newton's method is used, with its matrices: few accelerated steps are left beside it.
+    dense
+        Unknowns of the interfaces of all ranks where it has their dense flexibility, else 0.
     """
     kept = tuple(active)
     unknowns = touched = rows = 0
-    numbers = flops = products = dense = of_newton = 0.0
-    dense_newton = newton and newton_is_dense(problem, kept, options)
+    numbers = flops = products = blocks = of_newton = 0.0
     for body in _bodies(problem, kept):
         numbers += body.entries
         flops += 1.3 * body.entries**2 / body.unknowns
         block = float(body.active) ** 2
         block = min(block, 4.0 * body.entries)  # else the sparse factor is applied
-        dense += block
+        blocks += block
         products += 2.0 * block
         unknowns += body.unknowns
         touched += body.active
-        if dense_newton:  # the same body without its search direction
+        if dense:  # the same body without its search direction
             of_newton += float(body.active) ** 2
     for name in kept:
         interface = problem.interfaces[name]
@@ -178,13 +183,12 @@ def predict(
         sides = problem.interfaces[name].sides
         if len(sides) == 2:
             block = float(problem.dim * sum(len(side.nodes) for side in sides)) ** 2
-            dense += block
+            blocks += block
             products += 2.0 * block
             flops += block**1.5
     depth = options.acceleration if kept else 0
-    if dense_newton:
-        # the flexibility, and the factor of a zone that is all closed
-        of_newton += 2.0 * float(interface_unknowns(problem, kept)) ** 2
+    # the flexibility, and the factor of a zone that is all closed
+    of_newton += 2.0 * float(dense) ** 2
     if newton:
         # directions with their traces and residuals
         of_newton += 4.0 * _DIRECTIONS * rows
@@ -200,5 +204,5 @@ def predict(
         factor_flops=flops,
         iteration_flops=columns * (products + rows * (20.0 + 4.0 * depth)) if rows else 0.0,
         iteration_bytes=8.0 * products / 2.0 + history if rows else 0.0,
-        memory=8.0 * (numbers + dense + of_newton) + history,
+        memory=8.0 * (numbers + blocks + of_newton) + history,
     )

@@ -29,7 +29,7 @@ from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.plan.coarse import Moments
-from dolfinx_frontend.plan.cost import Cost, blocks_fit, newton_is_dense, predict
+from dolfinx_frontend.plan.cost import Cost, blocks_fit, interface_unknowns, newton_is_dense, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
@@ -62,7 +62,8 @@ _UNMATCHED = "its meshes do not match"
 _UNGLUED = "its jump cannot be glued"
 _ASKED = "asked for"
 _PAPER = "the paper keeps them all"
-_CUT = (_UNMATCHED, _UNGLUED, _ASKED, _PAPER)
+_RANKS = "its sides lie on two ranks"
+_CUT = (_UNMATCHED, _UNGLUED, _ASKED, _PAPER, _RANKS)
 """Reasons to keep an interface whose law is linear and fixed."""
 
 
@@ -449,12 +450,13 @@ def make_plan(
             f"({reasons[kept[0]]}); use 'auto'"
         )
     chosen, options, reason = _iteration(kept, method, options)
-    dense = factors or (fields and random is not None)  # what they are solved with needs dense blocks
-    if dense and options.operator == "automatic" and blocks_fit(problem, kept, options):
+    blocks = factors or (fields and random is not None)  # what they are solved with needs dense blocks
+    if blocks and options.operator == "automatic" and blocks_fit(problem, kept, options):
         options = options.with_(operator="condensed")
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
     newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
-    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)
+    dense = newton and newton_is_dense(problem, kept, options)
+    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, dense)
     direction = _search_direction(problem, direction, chosen, bool(macro))
     varied = tuple(loads)
     constant = any(term.amplitude is None for term in varied)
@@ -482,13 +484,14 @@ def make_plan(
         decisions.append(_of_field(name, of_part, random is not None))
     decisions.append(Decision("iteration", chosen, reason))
     if problem.distribution is not None:
-        options = options.with_(newton=0)
         decisions.append(Decision("ranks", *_ranks(problem)))
     if kept:
         tolerance = Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
         decisions += [_of_direction(direction, chosen), *reach, tolerance]
     here = [name for name in kept if name in problem.own.interfaces]
-    cost = predict(problem.own, here, columns, options, paired, newton)
+    zone = interface_unknowns(problem, kept) if dense else 0
+    pairs = [name for name in paired if name in here]
+    cost = predict(problem.own, here, columns, options, pairs, newton, zone)
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
@@ -556,7 +559,7 @@ def _moments_in_time(problem: Problem, times: npt.ArrayLike | None) -> Array | N
 
 def _takes_newton_steps(problem: Problem, kept: Sequence[str], options: Options) -> bool:
     nonlinear = not all(problem.interfaces[n].law.superposes for n in kept)
-    return problem.distribution is None and options.newton > 0 and nonlinear
+    return options.newton > 0 and nonlinear
 
 
 def _search_direction(
@@ -583,13 +586,13 @@ def _wanted(
     scaled: Sequence[str] = (),
 ) -> dict[str, str]:
     """Interfaces that are kept whatever their law allows -> why."""
-    reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
+    reasons = dict.fromkeys(problem.cuts, _RANKS)
     reasons |= _around(problem, scaled)
     for name in _names(problem, vary, "plan"):
         reasons[name] = "its law varies"
     for name, interface in problem.interfaces.items():
-        if set(interface.law.varying) - set(interface.law.loading):
-            reasons.setdefault(name, "its law changes in time")
+        if set(interface.law.varying) - set(interface.law.loading) and reasons.get(name, _RANKS) == _RANKS:
+            reasons[name] = "its law changes in time"
     tied = [n for n in reasons if problem.interfaces[n].law.elimination is Elimination.TIED]
     if tied:
         raise SceneError(
@@ -762,8 +765,7 @@ def _ranks(problem: Problem) -> tuple[str, str]:
     cuts = ", ".join(problem.cuts) or "no interface"
     return (
         f"{len(sizes)}, {min(sizes)} to {max(sizes)} unknowns each; cut at {cuts}",
-        "a part belongs to one rank; no Newton steps (their system spans the ranks), points of a sweep "
-        "one by one",
+        "a part belongs to one rank; points of a sweep one by one",
     )
 
 
@@ -773,18 +775,11 @@ def _reach(
     cut: Sequence[str],
     chosen: str,
     options: Options,
-    newton: bool,
+    dense_newton: bool,
 ) -> tuple[tuple[str, ...], Moments, tuple[str, ...], list[Decision]]:
     """Interfaces in the coarse problem, its moments, interfaces with matrix directions, and why."""
     decisions: list[Decision] = []
     paired: tuple[str, ...] = ()
-    if problem.distribution is not None:
-        if options.macro in ("resultants", "linear") or options.directions == "matrix":
-            raise SceneError(
-                "a coarse problem and matrix directions are not spread over ranks yet: use "
-                "macro='automatic' and directions='automatic', or one rank"
-            )
-        return (), "linear", (), decisions
     if options.directions != "diagonal" and cut:
         if chosen == "accelerated" or options.directions == "matrix":
             paired = tuple(cut)
@@ -801,7 +796,7 @@ def _reach(
         wanted = (
             chosen == "accelerated"
             and len(between) >= (_FEW if paired else _MANY)
-            and not (newton and newton_is_dense(problem, kept, options))
+            and not dense_newton
         )
         why = f"{len(between)} interfaces between parts: else an iteration reaches the next part only"
     else:

@@ -29,6 +29,7 @@ __all__ = [
     "Body",
     "body_load",
     "body_matrix",
+    "count_bodies",
     "displacements",
     "factorised_stiffness",
     "members_of_bodies",
@@ -110,14 +111,22 @@ def _free_basis(rows: Array) -> Array:
 
 def members_of_bodies(problem: Problem, eliminate: Container[str]) -> list[list[str]]:
     """Substructures of this rank by body, in the order of the problem."""
-    here = problem.substructures
+    return _grouped(problem, problem.substructures, eliminate)
+
+
+def count_bodies(problem: Problem, eliminate: Container[str]) -> int:
+    """Bodies on all ranks."""
+    return len(_grouped(problem, problem.parts, eliminate))
+
+
+def _grouped(problem: Problem, parts: Mapping[str, object], eliminate: Container[str]) -> list[list[str]]:
     sides = [
         [*(s.substructure for s in i.sides), *i.law.partners]
         for i in problem.interfaces.values()
         if i.name in eliminate
     ]
-    pairs = [(s[0], other) for s in sides if here.keys() >= set(s) for other in s]
-    return grouped(list(here), pairs)
+    pairs = [(s[0], other) for s in sides if parts.keys() >= set(s) for other in s]
+    return grouped(list(parts), pairs)
 
 
 def wholly_held(problem: Problem, removed: Container[str]) -> dict[str, list[str]]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from latin_core import Laws, State, stochastic
 
-from dolfinx_frontend.assembly.ranks import together
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_names, checked_whole
 from dolfinx_frontend.common.describe import short, shown_error
@@ -619,33 +619,53 @@ class ChaosResult(Result, StochasticResult):
         """Write the chaos of all active interfaces (force, jump) and of the named substructures.
 
         The file (``.h5`` or ``.json``, see ``docs/chaos_file.md``) can be evaluated without this package.
+        Collective; the first of several ranks writes.
         """
-        self.problem.on_one_rank("save_chaos")
-        save_chaos(path, self.space, self.basis, *self.chaos_fields(substructures))
+        fields, notes = self.chaos_fields(substructures)
+        with agreement(self.problem.comm, "save_chaos"):
+            if self.problem.rank == 0:
+                save_chaos(path, self.space, self.basis, fields, notes)
 
     def chaos_fields(self, substructures: Sequence[str] = ()) -> tuple[dict[str, Field], dict[str, Any]]:
-        """Fields and notes of the file that :meth:`save_chaos` writes."""
+        """Fields and notes of the file that :meth:`save_chaos` writes; collective, all of them on the first rank."""
         substructures = checked_names("save_chaos", "substructures", substructures)
+        for name in substructures:
+            check_known("substructure", name, self.problem.parts, "save_chaos")
         return self._fields_of(self.plan.active, substructures)
 
     def _fields_of(
         self, interfaces: Sequence[str], substructures: Sequence[str]
     ) -> tuple[dict[str, Field], dict[str, Any]]:
-        fields = {}
-        for name in interfaces:
+        fields: dict[str, Field] = {}
+        comm = self.problem.comm
+        with agreement(comm, "chaos fields"):
+            for name in interfaces:
+                if comm is None or name in self.problem.own.interfaces:
+                    fields |= self._fields_of_interface(name)
+            for name in substructures:
+                if comm is None or name in self.problem.substructures:
+                    block = self.coefficients(name)
+                    fields[f"displacement:{name}"] = Field(
+                        block.reshape(-1, self.modes), "length", block.shape[:-1]
+                    )
+        if comm is not None:
+            every = comm.gather(fields, root=0) or [fields]
+            known = {name: each for of_rank in reversed(every) for name, each in of_rank.items()}
+            names = [f"{what}:{name}" for name in interfaces for what in ("force", "jump")]
+            names += [f"displacement:{name}" for name in self.problem.parts]
+            fields = {name: known[name] for name in names if name in known}
+        return fields, {"order": int(self.chaos.order), "error": self.error, "status": self.status}
+
+    def _fields_of_interface(self, name: str) -> dict[str, Field]:
+        return {
+            f"{what}:{name}": Field(
+                block.reshape(-1, self.modes), unit, block.shape[:-1], f"{what} of {name}"
+            )
             for what, block, unit in (
                 ("force", self.force_coefficients(name), "force / area"),
                 ("jump", self.jump_coefficients(name), "length"),
-            ):
-                fields[f"{what}:{name}"] = Field(
-                    block.reshape(-1, self.modes), unit, block.shape[:-1], f"{what} of {name}"
-                )
-        for name in substructures:
-            block = self.coefficients(name)
-            fields[f"displacement:{name}"] = Field(
-                block.reshape(-1, self.modes), "length", block.shape[:-1]
             )
-        return fields, {"order": int(self.chaos.order), "error": self.error, "status": self.status}
+        }
 
     def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
         """What a file has of a chaos beside what it has of all: the chaos itself."""

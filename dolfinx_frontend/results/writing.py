@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from dolfinx_frontend.assembly.ranks import agreement, one_call
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.files import FileError, replaced
@@ -34,9 +36,30 @@ class ResultFileError(FileError):
 def save(answer: Any, path: str | Path, fields: bool, samples: int | None, seed: int) -> None:
     """Write an answer, see :meth:`dolfinx_frontend.results.face.Face.save`."""
     target = _target(path)
-    answer.problem.on_one_rank("save")
-    answer.problem.check_sources()
-    write(target, _tree(answer, answer.readings(None, samples, seed), fields, samples, seed))
+    comm = answer.problem.comm
+    with one_call(comm, "save"):
+        answer.problem.check_sources()
+        readings = answer.readings(None, samples, seed)
+        parts = answer.problem.substructures if comm is None else answer.problem.parts
+        extra = answer.extra_content(tuple(parts) if fields else (), samples, seed)
+        with agreement(comm, "save"):
+            tree = _tree(answer, readings, extra, fields)
+        trees = [tree] if comm is None else comm.gather(tree, root=0)
+        with agreement(comm, "save"):
+            if trees is not None:
+                write(target, tree if comm is None else _united(answer, trees))
+
+
+def _united(answer: Any, trees: Sequence[Tree]) -> Tree:
+    """The trees of all ranks as one: each has its own parts, and what it knows of interfaces."""
+    tree = dict(trees[0])
+    for key, names in (("interfaces", answer.problem.interfaces), ("substructures", answer.problem.parts)):
+        of_ranks = [each[key] for each in trees]
+        tree[key] = {
+            name: {what: value for each in reversed(of_ranks) for what, value in each.get(name, {}).items()}
+            for name in names
+        }
+    return tree
 
 
 def write(path: str | Path, tree: Tree) -> None:
@@ -69,8 +92,10 @@ def _described(law: object) -> str:
         return repr(law)
 
 
-def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, seed: int) -> Tree:
+def _tree(answer: Any, readings: Readings, extra: Tree, fields: bool) -> Tree:
+    """What this rank knows of an answer; of interfaces only where it has a side, or their tables."""
     problem, plan = answer.problem, answer.plan
+    here = [name for name in problem.interfaces if problem.comm is None or name in problem.own.interfaces]
     reached = np.atleast_1d(answer.iterations) >= 0
     tree: Tree = {
         "kind": answer.kind,
@@ -85,7 +110,8 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
         "statistics": answer.statistics,
         "missing": json.dumps(readings.missing),
         "interfaces": {
-            name: interface_tree(problem, name, answer.surface(name)) for name in problem.interfaces
+            name: interface_tree(problem, name, answer.surface(name)) if _carries(problem, name) else {}
+            for name in problem.interfaces
         },
         "substructures": {name: {"nodes": s.dof_coordinates} for name, s in problem.substructures.items()},
     }
@@ -97,7 +123,7 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
         }
     if plan.times is not None:
         tree["times"] = np.asarray(plan.times, dtype=np.float64)
-    tree |= answer.extra_content(tuple(problem.substructures) if fields else (), samples, seed)
+    tree |= extra
     if "points" not in tree:
         tree["statuses"] = [str(each) for each in np.ravel(answer.statuses)]
     why = answer.without_displacements if fields else NO_FIELDS
@@ -105,11 +131,18 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
         tree["no_displacements"] = why
     if fields:
         for name in answer.known:
-            tree["interfaces"][name] |= _fields_tree(answer, name)
+            if name in here:
+                tree["interfaces"][name] |= _fields_tree(answer, name)
     if why is None:
         for name in problem.substructures:
             tree["substructures"][name] |= _part_tree(answer, name)
     return tree
+
+
+def _carries(problem: Any, name: str) -> bool:
+    """Whether the part on whose mesh an interface is drawn is on this rank."""
+    interface = problem.interfaces[name]
+    return interface.sides[interface.carrier].substructure in problem.substructures
 
 
 def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:

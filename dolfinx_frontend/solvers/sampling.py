@@ -130,7 +130,7 @@ def sample(
     check_problem("sampling", problem, plan)
     check_settings("sampling", plan, method, **settings)
     check_running("sampling", callback, progress, keep_states=keep_states)
-    checkpoint_path("sampling", problem, checkpoint)
+    checkpoint_path("sampling", checkpoint)
     random = RandomLaws.of(problem)
     if not random.every:
         raise SceneError("sampling: nothing is random: give a law or a load a random parameter")
@@ -236,12 +236,18 @@ def sample_on(
     problem = random.problem
     check_running("sampling", callback, progress, keep_states=keep_states)
     points, of_rule = _checked_rule(random, germs, weights, kind)
+    file = checkpoint_path("sampling", checkpoint)
     problem.check_alike(
-        "sample", germs=germs, weights=weights, kind=kind, rtol=plan.options.rtol, states=keep_states
+        "sample",
+        germs=germs,
+        weights=weights,
+        kind=kind,
+        rtol=plan.options.rtol,
+        states=keep_states,
+        checkpoint=file is not None,
     )
     with agreement(problem.comm):
         parameters = sampled_values(random, plan, points)
-    file = checkpoint_path("sampling", problem, checkpoint)
     header = None if file is None else _header(problem, plan, parameters)
     iterations = 0
     shown = progress and problem.rank == 0

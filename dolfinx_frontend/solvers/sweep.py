@@ -257,8 +257,9 @@ def sweep(
     settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
     _check_request(problem, plan, method, grid, outputs, settings)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
-    file = checkpoint_path("sweep", problem, checkpoint)
-    told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
+    file = checkpoint_path("sweep", checkpoint)
+    names = None if outputs is None else tuple(outputs)
+    told = {"outputs": names, "plan": plan is None, "checkpoint": file is not None}
     kept = {"keep_states": keep_states, "keep_fields": keep_fields}
     problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **kept, **settings)
     plan, axes, parameters = planned(problem, grid, method, plan, settings)
@@ -332,11 +333,10 @@ def _bar(problem: Problem, order: Sequence[int], progress: bool) -> Bar:
     return Bar(len(order), "sweep", "point", progress and problem.rank == 0, stays=True)
 
 
-def checkpoint_path(where: str, problem: Problem, checkpoint: str | Path | None) -> Path | None:
-    """The file of finished points that a user gave, if there is one and there can be one."""
+def checkpoint_path(where: str, checkpoint: str | Path | None) -> Path | None:
+    """The file of finished points that a user gave, if there is one."""
     if checkpoint is None:
         return None
-    problem.on_one_rank("a checkpoint")
     return checked_path(where, checkpoint, "checkpoint", new=True)
 
 

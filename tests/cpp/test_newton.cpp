@@ -67,8 +67,8 @@ TEST(Subspace, SolvesColumnsWithTheDirectionsOfThoseBefore) {
   const substructure::Laws laws = pressed(steps);
   const Matrix amplitudes = Matrix::Ones(1, steps);
   substructure::GlobalStage global(laws);
-  const substructure::InterfaceSystem system(laws);
-  Subspace subspace(global, system);
+  const JoinedSystem system(global);
+  Subspace subspace(system);
   State state = zero(laws, steps);
   state.data.setConstant(0.1);
   global.apply(state.data, amplitudes, state.traces);

@@ -117,3 +117,33 @@ def test_parts_that_meet_on_several_ranks_have_the_traces_of_one() -> None:
     run = launch(2, "mpi_meet.py")
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.count("as on one") == 2
+
+
+def test_coarse_problem_newton_and_matrix_directions_are_those_of_one_rank() -> None:
+    run = launch(3, "mpi_reach.py")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("all reached") == 3
+
+
+def test_points_side_by_side_and_derivatives_are_those_of_one_rank() -> None:
+    run = launch(2, "mpi_points.py")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("same derivatives") == 2
+
+
+def test_results_and_chaos_files_of_ranks_are_those_of_one(tmp_path: Path) -> None:
+    run = launch(3, "mpi_files.py", "write", str(tmp_path))
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("written") == 3
+
+
+@pytest.mark.parametrize("how", ["raise", "kill"])
+def test_checkpoints_survive_a_rank_that_ends(how: str, tmp_path: Path) -> None:
+    ended = launch(2, "mpi_files.py", how, str(tmp_path))
+    if how == "raise":
+        assert ended.returncode == 0 and ended.stdout.count("raised") == 2, ended.stdout + ended.stderr
+    else:
+        assert ended.returncode != 0 and "signal 9" in (ended.stdout + ended.stderr).lower()
+    run = launch(2, "mpi_files.py", "resume", str(tmp_path))
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("resumed") == 2

@@ -24,7 +24,7 @@ import warnings
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -97,6 +97,24 @@ def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> list[str
 def _busy(error: BaseException) -> bool:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     return code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+
+
+class PointFile(Protocol):
+    """What a run keeps its finished points in: a :class:`Checkpoint`, or one that ranks share."""
+
+    path: Path
+
+    def __iter__(self) -> Iterator[tuple[int, dict[str, npt.NDArray[Any]]]]:
+        """Finished points as (number, arrays)."""
+
+    def agreement(self) -> contextlib.AbstractContextManager[None]:
+        """Where what is read is looked at: if it is wrong on one rank, all raise."""
+
+    def append(self, number: int, arrays: Mapping[str, npt.ArrayLike]) -> None:
+        """Write one finished point."""
+
+    def close(self) -> None:
+        """Release the file."""
 
 
 class Checkpoint:
@@ -378,6 +396,10 @@ class Checkpoint:
             EOFError,
         ) as error:
             raise self._refusal(error, "is damaged") from error
+
+    def agreement(self) -> contextlib.AbstractContextManager[None]:
+        """There is one rank: nothing to agree on."""
+        return contextlib.nullcontext()
 
     def __repr__(self) -> str:
         return f"Checkpoint({str(self.path)!r})"

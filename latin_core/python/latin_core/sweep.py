@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from latin_core import _core
-from latin_core.checkpoint import Checkpoint, CheckpointError
+from latin_core.checkpoint import Checkpoint, CheckpointError, PointFile
 from latin_core.options import Options
 
 __all__ = ["SweepPoints", "SweptParameter", "sweep"]
@@ -207,7 +207,7 @@ class _Keeper:
         return arrays
 
     def read(
-        self, file: Checkpoint | None, shapes: Callable[[], dict[str, Shape]]
+        self, file: PointFile | None, shapes: Callable[[], dict[str, Shape]]
     ) -> Iterator[tuple[int, _core.State]]:
         """Keep the points of a checkpoint; numbers and states of those that converged.
 
@@ -218,19 +218,22 @@ class _Keeper:
             return
         layout: dict[str, tuple[str, Shape | None]] = {}
         for number, arrays in file:
-            if not 0 <= number < points:
-                raise CheckpointError(f"{file.path} holds point {number}, this sweep has {points} points")
             layout = layout or self._layout(shapes())
-            for name, (kinds, shape) in layout.items():
-                wrong = _wrong(arrays, name, kinds, shape)
-                if wrong:
+            with file.agreement():
+                if not 0 <= number < points:
                     raise CheckpointError(
-                        f"checkpoint {file.path} was edited: point {number}: {wrong}: move it away to start "
-                        "from the beginning"
+                        f"{file.path} holds point {number}, this sweep has {points} points"
                     )
-            for key in (f"output:{name}" for name in self.outputs):
-                layout[key] = ("f", arrays[key].shape)
-            self.keep(number, arrays)
+                for name, (kinds, shape) in layout.items():
+                    wrong = _wrong(arrays, name, kinds, shape)
+                    if wrong:
+                        raise CheckpointError(
+                            f"checkpoint {file.path} was edited: point {number}: {wrong}: move it away to "
+                            "start from the beginning"
+                        )
+                for key in (f"output:{name}" for name in self.outputs):
+                    layout[key] = ("f", arrays[key].shape)
+                self.keep(number, arrays)
             if str(arrays["status"]) == "converged":
                 yield number, _core.State(arrays["data"], arrays["traces"])
 
@@ -276,7 +279,7 @@ def sweep(
     order: Sequence[int],
     interfaces: Sequence[str] = (),
     options: Options | None = None,
-    checkpoint: str | Path | None = None,
+    checkpoint: str | Path | PointFile | None = None,
     header: dict[str, Any] | None = None,
     progress: Callable[[int, _core.Summary], None] | None = None,
     callback: Callable[[_core.Iteration], None] | None = None,
@@ -301,9 +304,10 @@ def sweep(
     interfaces
         Active interfaces of which force and jump are kept.
     checkpoint
-        File of finished points; those in it already are not solved again.
+        File of finished points; those in it already are not solved again. Several ranks give one that is open
+        on all of them.
     header
-        Facts that make the run what it is, compared with the file's.
+        Facts that make the run what it is, compared with the file's, where this is to be opened.
     progress, callback
         Called after every point, and after every iteration; a callback that raises StopIteration ends the
         sweep with the points that are finished.
@@ -339,7 +343,9 @@ def sweep(
     keeper = _Keeper(result, interfaces if keep_fields else (), outputs)
     known: list[_core.State] = list(start.values()) if start else []
     known_points: list[int] = list(start) if start else []
-    file = Checkpoint(checkpoint, header or {}) if checkpoint is not None else None
+    file: PointFile | None = (
+        Checkpoint(checkpoint, header or {}) if isinstance(checkpoint, (str, Path)) else checkpoint
+    )
 
     def shapes() -> dict[str, Shape]:
         nothing = np.zeros((structure.rows, amplitudes.shape[1]))

@@ -66,6 +66,13 @@ double Communicator::sum(double value) const {
   return value;
 }
 
+void Communicator::follow_first(std::span<double> values) const {
+  if (!alone()) {
+    const MpiLock lock;
+    MPI_Bcast(values.data(), count_of(values.size()), MPI_DOUBLE, 0, comm_);
+  }
+}
+
 Index Communicator::maximum(Index value) const {
   auto largest = static_cast<long long>(value);
   if (!alone()) {

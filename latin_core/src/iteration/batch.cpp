@@ -52,6 +52,42 @@ substructure::Sizes of_set(const substructure::Sizes& sizes, Index set, Index gr
           sizes.pressed.middleRows(set * groups, groups)};
 }
 
+/// Sets side by side as they are, without their errors. Collective: the numbers of all ranks travel in one message.
+/// @param sizes  of each set on this rank
+/// @param wholes what errors of each set are relative to, found here
+std::vector<Advanced> as_they_are(const substructure::Structure& structure, const Metric& metric,
+                                  const substructure::Yardstick& yardstick, const State& state,
+                                  const Matrix& residual,
+                                  const std::vector<substructure::Sizes>& sizes,
+                                  std::vector<Whole>& wholes) {
+  const auto sets = static_cast<Index>(sizes.size());
+  const Index columns = residual.cols() / sets;
+  std::vector<Advanced> answers(sizes.size());
+  Matrix sums;
+  for (Index set = 0; set < sets; ++set) {
+    const auto at = static_cast<std::size_t>(set);
+    Advanced& answer = answers[at];
+    const Matrix own = of_set(residual, set, columns);
+    answer.state = {of_set(state.data, set, columns), of_set(state.traces, set, columns)};
+    wholes.push_back({sizes[at], yardstick});
+    const auto [distance, extent] =
+        stage_shares(structure.weights(), structure.directions(), answer.state, own);
+    const Vector reach = yardstick.share_of_reach(sizes[at]);
+    sums.conservativeResize(4 + reach.size(), sets);
+    sums.col(set) << distance, extent, metric.share_of_square(own), sizes[at].strain.sum(), reach;
+  }
+  structure.communicator().sum({sums.data(), static_cast<std::size_t>(sums.size())});
+  for (Index set = 0; set < sets; ++set) {
+    const auto at = static_cast<std::size_t>(set);
+    answers[at].indicator = stage_distance({sums(0, set), sums(1, set)});
+    answers[at].residual = std::sqrt(sums(2, set));
+    answers[at].energy = sums(3, set);
+    answers[at].error = std::numeric_limits<double>::infinity();
+    wholes[at].yardstick.reach = sums.col(set).tail(sums.rows() - 4);
+  }
+  return answers;
+}
+
 /// Parameter sets side by side that are advanced with the tangents of a near one.
 class Borrowing {
  public:
@@ -75,6 +111,7 @@ class Borrowing {
     Stepper(stages_.fixed_point(), history_, options.relaxation)
         .start_from(snapshots, {state_, residual_});
     stages_.local(state_.data, state_.traces, residual_);
+    stages_.agree();
   }
 
   std::vector<Advanced> answers() {
@@ -90,6 +127,7 @@ class Borrowing {
     }
     state_.data += step_;
     stages_.evaluate({state_, residual_});
+    stages_.agree();
     const substructure::Sizes second = correct();
     return exact_ ? of_linear_laws(second) : of_two_steps(first, second);
   }
@@ -140,31 +178,27 @@ class Borrowing {
   }
 
   /// The sets as they are now, without their errors.
-  std::vector<Advanced> as_they_are(std::vector<Whole>& wholes) {
-    const substructure::Structure& structure = laws_.structure();
+  std::vector<Advanced> as_they_are_now(std::vector<Whole>& wholes) {
     substructure::GlobalStage global(laws_);
     const substructure::Sizes sizes = global.sizes(state_.data, state_.traces, amplitudes_);
     const Index groups = sizes.strain.rows() / sets_;
-    std::vector<Advanced> answers(static_cast<std::size_t>(sets_));
+    std::vector<substructure::Sizes> of_sets;
     for (Index set = 0; set < sets_; ++set) {
-      Advanced& answer = answers[static_cast<std::size_t>(set)];
-      const Matrix residual = of_set(residual_, set, columns_);
-      answer.state = {of_set(state_.data, set, columns_), of_set(state_.traces, set, columns_)};
-      answer.indicator = stage_distance(
-          stage_shares(structure.weights(), structure.directions(), answer.state, residual));
-      answer.residual = history_.metric().norm(residual);
-      Whole& whole = wholes.emplace_back(Whole{of_set(sizes, set, groups), yardstick_});
-      whole.yardstick.reach = whole.yardstick.share_of_reach(whole.sizes);
-      answer.energy = whole.sizes.strain.sum();
-      answer.error = std::numeric_limits<double>::infinity();
+      of_sets.push_back(of_set(sizes, set, groups));
     }
-    return answers;
+    return as_they_are(laws_.structure(), history_.metric(), yardstick_, state_, residual_, of_sets,
+                       wholes);
+  }
+
+  /// The largest of the errors on all ranks.
+  [[nodiscard]] double largest_of_all(const Matrix& errors) const {
+    return laws_.structure().communicator().largest(largest(errors));
   }
 
   /// What a step says of linear laws is right within the factor between the stiffnesses.
   std::vector<Advanced> of_linear_laws(const substructure::Sizes& ahead) {
     std::vector<Whole> wholes;
-    std::vector<Advanced> answers = as_they_are(wholes);
+    std::vector<Advanced> answers = as_they_are_now(wholes);
     const std::vector<double> contrasts = linear_.contrasts(laws_, state_);
     const Index groups = ahead.strain.rows() / sets_;
     for (Index set = 0; set < sets_; ++set) {
@@ -173,12 +207,12 @@ class Borrowing {
       const double spread = *std::max_element(first, first + columns_);
       const Matrix errors = wholes[at].relative(of_set(ahead, set, groups));
       // bounds are by energies of the whole, errors are of its bodies
-      const double bound = spread * largest(errors);
+      const double bound = spread * largest_of_all(errors);
       fall_.segment(set * columns_, columns_)
           .setConstant(bound > 0.0 ? std::min(goal * rtol_ / bound, 1.0) : 1.0);
       if (bound <= rtol_) {
         answers[at].errors = with_rounding(std::sqrt(spread) * errors);
-        answers[at].error = largest(answers[at].errors);
+        answers[at].error = largest_of_all(answers[at].errors);
       }
     }
     return answers;
@@ -188,7 +222,7 @@ class Borrowing {
   std::vector<Advanced> of_two_steps(const substructure::Sizes& first,
                                      const substructure::Sizes& second) {
     std::vector<Whole> wholes;
-    std::vector<Advanced> answers = as_they_are(wholes);
+    std::vector<Advanced> answers = as_they_are_now(wholes);
     // neither at the answer nor where the next step would lead may a law have another branch
     const std::vector<double> here = linear_.contrasts(laws_, state_);
     const std::vector<double> there =
@@ -206,11 +240,11 @@ class Borrowing {
         spread = std::max({spread, here[i], there[i]});
       }
       good = good && spread <= Linearisation::near_factor;
-      if (good) {
+      if (laws_.structure().communicator().everywhere(good)) {
         answers[at].errors = with_rounding(
             (ahead.array() * (1.0 / (1.0 - left.array().min(most_left))).max(std::sqrt(spread)))
                 .matrix());
-        answers[at].error = largest(answers[at].errors);
+        answers[at].error = largest_of_all(answers[at].errors);
       }
     }
     return answers;
@@ -267,31 +301,33 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
   stages.local(state.data, state.traces, residual);
   history.fit(residual);
   stepper.step(Stepper::Kind::accelerated, {state, residual});
+  stages.agree();
   history.fit(residual);
 
   substructure::GlobalStage global(laws);
   const substructure::Yardstick yardstick = substructure::yardstick(structure, laws.measured());
   const State& wrong = history.predicted_error();
-  std::vector<Advanced> answers(static_cast<std::size_t>(sets));
+  std::vector<substructure::Sizes> sizes;
+  for (Index set = 0; set < sets; ++set) {
+    sizes.push_back(global.sizes(of_set(state.data, set, columns),
+                                 of_set(state.traces, set, columns), amplitudes));
+  }
+  std::vector<Whole> wholes;
+  std::vector<Advanced> answers =
+      as_they_are(structure, history.metric(), yardstick, state, residual, sizes, wholes);
   for (Index set = 0; set < sets; ++set) {
     Advanced& answer = answers[static_cast<std::size_t>(set)];
-    answer.state = {of_set(state.data, set, columns), of_set(state.traces, set, columns)};
-    answer.indicator = stage_distance(stage_shares(structure.weights(), structure.directions(),
-                                                   answer.state, of_set(residual, set, columns)));
     answer.residual = history.residual_norm(set);
-    Whole whole{global.sizes(answer.state.data, answer.state.traces, amplitudes), yardstick};
-    whole.yardstick.reach = whole.yardstick.share_of_reach(whole.sizes);
-    answer.energy = whole.sizes.strain.sum();
-    answer.error = std::numeric_limits<double>::infinity();
     const double rounding = rounding_share * history.metric().norm(answer.state.data);
     if (answer.residual > rounding && history.explained(set) >= least_explained) {
-      answer.errors =
-          predicted_errors(gauge, of_set(wrong.data, set, columns),
-                           of_set(wrong.traces, set, columns), history.explained(set), whole);
+      answer.errors = predicted_errors(gauge, of_set(wrong.data, set, columns),
+                                       of_set(wrong.traces, set, columns), history.explained(set),
+                                       wholes[static_cast<std::size_t>(set)]);
       if (!laws.linear_everywhere()) {
         answer.errors = answer.errors.cwiseMax(Verification::resolution(options.rtol));
       }
-      answer.error = std::max(largest(answer.errors), least_of_indicator * answer.indicator);
+      answer.error = std::max(structure.communicator().largest(largest(answer.errors)),
+                              least_of_indicator * answer.indicator);
     }
   }
   return answers;

@@ -37,15 +37,14 @@ constexpr double halfway = 0.3;
 }  // namespace
 
 Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
-    : global_(global),
-      amplitudes_(amplitudes),
-      system_(global.laws()),
+    : amplitudes_(amplitudes),
+      system_(global),
       flexibility_(global.laws().structure().flexibility()),
       layout_(system_.layout()),
       own_(system_.law_flexibility(flexibility_.own())),
       metric_(own_.cwiseProduct(flexibility_.areas())),
       tangent_system_(flexibility_, layout_, own_ + flexibility_.direct()),
-      subspace_(global, system_),
+      subspace_(system_),
       memory_(system_.blank()) {
   if (const Matrix& jumps = flexibility_.modal_jumps(); jumps.cols() > 0) {
     const Matrix weighted = metric_.cwiseSqrt().asDiagonal() * jumps;
@@ -63,14 +62,14 @@ double Newton::norm(const Vector& force) const {
   given -= flexibility_.direct().cwiseProduct(force);
   const double work = given.cwiseProduct(flexibility_.areas()).dot(force);
   const Vector resultants = modes_.transpose() * force.cwiseProduct(metric_.cwiseSqrt());
-  return std::sqrt(std::max(work, 0.0) + resultants.squaredNorm());
+  return system_.follow_first(std::sqrt(std::max(work, 0.0) + resultants.squaredNorm()));
 }
 
 double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
   double size = 0.0;
   auto memory = system_.blank();
   for (Index index = 0; index < data.cols(); ++index) {
-    if (index % global_.laws().steps() == 0) {
+    if (index % system_.laws().steps() == 0) {
       memory = system_.blank();
     }
     const Matrix jump = system_.free_jumps(data.col(index), traces.col(index));
@@ -94,7 +93,7 @@ Newton::Column Newton::begin(const State& state, Index index) {
   column.before = system_.forces(index, memory_, free.col(0), system_.direct());
   // F / 2 = E f - (s - k w)
   const Vector half_residual = flexibility_.spread(column.before) - data +
-                               global_.laws().structure().directions().cwiseProduct(traces);
+                               system_.directions().cwiseProduct(traces);
   column.half = flexibility_.solve(half_residual);
   column.jump = free + flexibility_.jump(2.0 * half_residual) -
                 with_mu * flexibility_.jump(column.half) +
@@ -112,9 +111,13 @@ void Newton::evaluate(Column& column) {
 }
 
 NewtonOutcome Newton::solve(State& state, double tolerance) {
+  return system_.with_all(state, [&](State& all) { return solve_all(all, tolerance); });
+}
+
+NewtonOutcome Newton::solve_all(State& state, double tolerance) {
   NewtonOutcome outcome;
   const Index columns = state.data.cols();
-  const Index steps = global_.laws().steps();
+  const Index steps = system_.laws().steps();
   scale_ = size_of_forces(state.data, state.traces);
   double stages = 0.0;
   for (Index index = 0; index < columns; ++index) {
@@ -182,9 +185,7 @@ void Newton::commit(State& state, const Column& column) {
 }
 
 void Newton::apply(State& state, Index index) {
-  Matrix trace(state.data.rows(), 1);
-  global_.apply(state.data.col(index), amplitudes_.col(index), trace);
-  state.traces.col(index) = trace;
+  state.traces.col(index) = system_.traces(state.data.col(index), amplitudes_.col(index));
 }
 
 bool Newton::iterate(Column& column, double tolerance, bool all, Index& steps) {
@@ -272,9 +273,10 @@ bool Newton::step(const Column& column, const Matrix& tangent, Vector& dy, Vecto
           flexibility_.modal_jumps().transpose() *
               flexibility_.areas().cwiseProduct(column.y + column.phi) -
           flexibility_.modal_stiffness().cwiseProduct(column.a);
-  const Vector answer = tangent_system_.solve(tangent, right);
-  dy = column.phi + answer.head(n);
-  da = answer.tail(none.size());
+  Matrix answer = tangent_system_.solve(tangent, right);
+  system_.follow_first(answer);
+  dy = column.phi + answer.topRows(n);
+  da = answer.bottomRows(none.size());
   return answer.allFinite();
 }
 

@@ -1,6 +1,7 @@
 #include "latin/iteration/newton_proposal.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -49,7 +50,11 @@ bool NewtonProposal::hurry() {
 }
 
 NewtonOutcome NewtonProposal::propose(Iterate from) {
-  if (!possible() || !from.residual.allFinite() || from.residual.isZero(0.0)) {
+  if (!possible()) {
+    return {};
+  }
+  const double size = metric_.norm(from.residual);  // of all ranks
+  if (!std::isfinite(size) || size == 0.0) {
     return {};
   }
   tried_ = true;

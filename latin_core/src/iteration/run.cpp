@@ -144,7 +144,7 @@ Summary Run::run(bool traces_known) {
 }
 
 void Run::begin(bool traces_known) {
-  const bool from_zero = state_.data.isZero(0.0);
+  const bool from_zero = structure_.communicator().everywhere(state_.data.isZero(0.0));
   if (accelerates() && options_.newton >= 1 && verifies() &&
       Verification::coupled(stages_.laws())) {
     // steps of the check lead on where the bodies are those of its tangents
@@ -159,7 +159,7 @@ void Run::begin(bool traces_known) {
     }
     evaluate_start();
   }
-  newton_.begin(from_zero, structure_.interface_unknowns(), options_.max_iterations);
+  newton_.begin(from_zero, structure_.total_unknowns(), options_.max_iterations);
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
 }
 

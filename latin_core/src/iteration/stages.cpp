@@ -56,7 +56,9 @@ FixedPoint Stages::fixed_point() {
       },
       {}};
   if (laws().preconditions()) {
-    stages.precondition = [this](MatrixRef residual) { laws().precondition(residual); };
+    stages.precondition = [this](MatrixRef residual) {
+      attempt([&] { laws().precondition(residual); });
+    };
   }
   return stages;
 }
@@ -93,11 +95,22 @@ void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
     } else {
       global_.change(*step, traces);
     }
-    if (structure().macro_size() > 0) {
-      const Matrix added = global_.balance(local_, amplitudes_, data, traces);
-      if (step != nullptr) {
-        *step += added;
-      }
+  });
+  if (structure().macro_size() > 0) {
+    balance(step, data, traces);
+  }
+}
+
+void Stages::balance(Matrix* step, Matrix& data, Matrix& traces) {
+  Matrix imbalance = Matrix::Zero(structure().macro().size(), data.cols());
+  if (!failed()) {
+    attempt([&] { imbalance = global_.imbalance(local_, data, traces); });
+  }
+  structure().communicator().sum({imbalance.data(), static_cast<std::size_t>(imbalance.size())});
+  attempt([&] {
+    const Matrix added = global_.balance(imbalance, amplitudes_, data, traces);
+    if (step != nullptr) {
+      *step += added;
     }
   });
 }
@@ -177,11 +190,11 @@ NewtonProposal::Solver Stages::newton(double tolerance) {
       return newton->solve(state, tolerance);
     };
   }
-  return [this, tolerance, system = std::shared_ptr<substructure::InterfaceSystem>(),
+  return [this, tolerance, system = std::shared_ptr<JoinedSystem>(),
           subspace = std::shared_ptr<Subspace>()](State& state) mutable {
     if (!subspace) {
-      system = std::make_shared<substructure::InterfaceSystem>(laws());
-      subspace = std::make_shared<Subspace>(global_, *system);
+      system = std::make_shared<JoinedSystem>(global_);
+      subspace = std::make_shared<Subspace>(*system);
     }
     return subspace->solve(state, amplitudes_, residual_accuracy * tolerance);
   };

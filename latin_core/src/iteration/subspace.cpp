@@ -5,12 +5,10 @@
 #include <cmath>
 #include <utility>
 
-#include "latin/iteration/stages.hpp"
-
 namespace latin::iteration {
 namespace {
 
-using Memory = substructure::InterfaceSystem::Memory;
+using Memory = JoinedSystem::Memory;
 
 /// Directions that stay when there are too many.
 constexpr Index kept = 60;
@@ -33,38 +31,27 @@ constexpr Index most_stages = 150;
 
 }  // namespace
 
-Subspace::Subspace(substructure::GlobalStage& global, const substructure::InterfaceSystem& system)
-    : global_(global),
-      system_(system),
-      weights_(global.laws().structure().weights().cwiseQuotient(
-          global.laws().structure().directions())) {}
-
-Matrix Subspace::residual(const Matrix& forces, ConstMatrixRef data, ConstMatrixRef traces) const {
-  const substructure::Structure& structure = global_.laws().structure();
-  Matrix result = structure.directions().asDiagonal() * traces;
-  result -= data;
-  for (const substructure::ActiveInterface& interface : structure.interfaces()) {
-    const auto force = forces.middleRows(interface.first_unknown, interface.size());
-    result.middleRows(interface.rows.front(), interface.size()) += force;
-    if (interface.rows.size() > 1) {
-      result.middleRows(interface.rows.back(), interface.size()) -= force;
+Subspace::Subspace(const JoinedSystem& system)
+    : system_(system), weights_(system.weights().cwiseQuotient(system.directions())) {
+  for (const auto& body : system.joined().bodies()) {
+    if (body.traces.rows() > 0) {
+      bodies_.emplace_back(body.first_row, body.traces.rows());
     }
   }
-  return 2.0 * result;
 }
 
 Subspace::Point Subspace::at(Index column, const Memory& before, State state) const {
   Point point;
   point.jump = system_.free_jumps(state.data, state.traces);
   const Matrix force = system_.forces(column, before, point.jump.col(0), system_.direct());
-  point.residual = residual(force, state.data, state.traces);
+  point.residual = system_.residual(force, state.data, state.traces);
   point.norm = norm(point.residual);
   point.state = std::move(state);
   return point;
 }
 
 double Subspace::norm(ConstMatrixRef block) const {
-  return std::sqrt((block.cwiseAbs2().transpose() * weights_).sum());
+  return system_.follow_first(std::sqrt((block.cwiseAbs2().transpose() * weights_).sum()));
 }
 
 double Subspace::residual_norm(Index column, const Memory& before, const State& state) const {
@@ -85,9 +72,7 @@ bool Subspace::improve(Index column, const Memory& before, State& state, double 
       break;
     }
     Matrix direction = point.residual;
-    if (global_.laws().preconditions()) {
-      global_.laws().precondition(direction);
-    }
+    system_.precondition(direction);
     if (!grow(direction.col(0))) {
       break;
     }
@@ -109,14 +94,15 @@ bool Subspace::step(Index column, const Memory& before, Point& point) {
     forces.row(row).noalias() =
         tangent.row(row).head(count) * jumps.middleRows(layout.first[i], count);
   }
-  Matrix change = residual(forces, data, traces);
+  Matrix change = system_.residual(forces, data, traces);
   ++steps_;
   change = weights_.cwiseSqrt().asDiagonal() * change;
   Matrix normal = Matrix::Zero(size_, size_);
   normal.selfadjointView<Eigen::Lower>().rankUpdate(change.transpose());
   normal.diagonal().array() += ridge * normal.trace() / static_cast<double>(size_);
   const Vector right = change.transpose() * weights_.cwiseSqrt().cwiseProduct(point.residual);
-  const Vector shares = -normal.selfadjointView<Eigen::Lower>().ldlt().solve(right);
+  Matrix shares = -normal.selfadjointView<Eigen::Lower>().ldlt().solve(right);
+  system_.follow_first(shares);
   if (!shares.allFinite()) {
     return false;
   }
@@ -144,33 +130,25 @@ bool Subspace::step(Index column, const Memory& before, Point& point) {
 }
 
 bool Subspace::grow(const Vector& direction) {
-  const substructure::Structure& structure = global_.laws().structure();
   const Index rows = direction.size();
   if (data_.size() == 0) {
     data_.resize(rows, most_directions);
     traces_.resize(rows, most_directions);
   }
   Matrix data = direction / norm(direction);
-  Matrix traces(rows, 1);
-  global_.apply(data, Matrix::Zero(structure.loads(), 1), traces);
+  Matrix traces = system_.traces(data, Matrix::Zero(system_.laws().structure().loads(), 1));
   ++stages_;
-  if (structure.macro_size() > 0) {
-    const Matrix forces = data - structure.directions().asDiagonal() * traces;
-    static_cast<void>(structure.macro().correct(forces, data, traces));
+  if (system_.balances()) {
+    system_.balance(data, traces);
     return add(std::move(data), std::move(traces));
   }
   bool grown = false;
-  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
-    const Index count = structure.bodies()[b].rows();
-    if (count > 0) {
-      Matrix d = Matrix::Zero(rows, 1);
-      Matrix t = Matrix::Zero(rows, 1);
-      d.middleRows(structure.body_rows()[b], count) =
-          data.middleRows(structure.body_rows()[b], count);
-      t.middleRows(structure.body_rows()[b], count) =
-          traces.middleRows(structure.body_rows()[b], count);
-      grown = add(std::move(d), std::move(t)) || grown;
-    }
+  for (const auto& [first, count] : bodies_) {
+    Matrix d = Matrix::Zero(rows, 1);
+    Matrix t = Matrix::Zero(rows, 1);
+    d.middleRows(first, count) = data.middleRows(first, count);
+    t.middleRows(first, count) = traces.middleRows(first, count);
+    grown = add(std::move(d), std::move(t)) || grown;
   }
   return grown;
 }
@@ -198,9 +176,14 @@ bool Subspace::add(Matrix data, Matrix traces) {
 }
 
 NewtonOutcome Subspace::solve(State& state, const Matrix& amplitudes, double tolerance) {
+  return system_.with_all(state,
+                          [&](State& all) { return solve_all(all, amplitudes, tolerance); });
+}
+
+NewtonOutcome Subspace::solve_all(State& state, const Matrix& amplitudes, double tolerance) {
   NewtonOutcome outcome;
   const Index columns = state.data.cols();
-  const Index per_history = global_.laws().steps();
+  const Index per_history = system_.laws().steps();
   const Index stages_before = stages_;
   const Index steps_before = steps_;
   double scale = 0.0;
@@ -210,10 +193,8 @@ NewtonOutcome Subspace::solve(State& state, const Matrix& amplitudes, double tol
   Index other = 0;  // stages beside those of the directions
   Memory memory;
   const auto under_loads = [&](Index column, const Matrix& data) {
-    State start{data, Matrix(data.rows(), 1)};
-    global_.apply(start.data, amplitudes.col(column), start.traces);
     ++other;
-    return start;
+    return State{data, system_.traces(data, amplitudes.col(column))};
   };
   for (Index column = 0; column < columns; ++column) {
     if (column % per_history == 0) {

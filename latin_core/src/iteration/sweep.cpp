@@ -195,11 +195,13 @@ class Sweep {
     }
     scales_ = laws_.scales_anywhere() ||
               structure_.communicator().maximum(stiffness_.empty() ? 0 : 1) > 0;
-    const double bytes = 8.0 * static_cast<double>(structure_.rows() * amplitudes.cols()) *
+    const Communicator& ranks = structure_.communicator();
+    const double bytes = 8.0 *
+                         static_cast<double>(ranks.maximum(structure_.rows()) * amplitudes.cols()) *
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
-    if (!structure_.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
-        structure_.rows() == 0 || laws.transformed() || !loads_.empty() || scales_) {
+    if (options.snapshots < 2 || options.acceleration < 1 || structure_.total_rows() == 0 ||
+        !ranks.everywhere(!laws.transformed()) || !loads_.empty() || scales_) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
@@ -207,7 +209,7 @@ class Sweep {
       linear_ = std::make_shared<Linearisation>();
       together_from_ = std::min(together_from_, fewest_snapshots);
     }
-    direct_ = linear_ && most_together_ > 1 && Verification::exact(laws);
+    direct_ = ranks.alone() && linear_ && most_together_ > 1 && Verification::exact(laws);
     if (direct_) {
       most_together_ = std::clamp(static_cast<Index>(together_bytes / (bytes + 1.0)),
                                   most_together_, many_together * most_together_);
@@ -585,6 +587,22 @@ class Sweep {
     }
   }
 
+  /// @throws Interrupted on all ranks if a callback of any of them did
+  void report(const Iteration& iteration) {
+    structure_.communicator().together([&] {
+      try {
+        if (callback_) {
+          callback_(iteration);
+        }
+      } catch (const Interrupted&) {
+        stop_ = true;
+      }
+    });
+    if (structure_.communicator().maximum(stop_ ? 1 : 0) > 0) {
+      throw Interrupted();
+    }
+  }
+
   /// One iteration for all of them; those that it does not answer are solved one by one.
   void try_together(std::span<const Index> points) {
     const auto start = std::chrono::steady_clock::now();
@@ -618,9 +636,7 @@ class Sweep {
       summary.indicator = answer.indicator;
       summary.energy = answer.energy;
       summary.history.push_back({1, answer.error, answer.indicator, answer.residual, seconds});
-      if (callback_) {
-        callback_(summary.history.back());
-      }
+      report(summary.history.back());
       hand_out(points[i], laws_of(laws_, points.subspan(i, 1)), summary, answer.state);
     }
     // local stages of the snapshots are most of the work: no more of them than the tolerance asks for

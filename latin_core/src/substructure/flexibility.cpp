@@ -4,8 +4,10 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <exception>
 
 #include "latin/common/error.hpp"
+#include "latin/substructure/joined.hpp"
 
 namespace latin::substructure {
 namespace {
@@ -23,47 +25,23 @@ constexpr int subspace_steps = 3;
 
 }  // namespace
 
-Flexibility::Flexibility(const std::vector<Body>& bodies, const std::vector<Index>& first_rows,
-                         std::vector<Index> unknown, Vector sign,
-                         const std::vector<Index>& components)
-    : unknown_(std::move(unknown)),
-      sign_(std::move(sign)),
-      inverse_direction_(sign_.size()),
-      weights_(sign_.size()),
-      direct_(Vector::Zero(static_cast<Index>(components.size()))),
-      areas_(direct_.size()),
-      matrix_(Matrix::Zero(direct_.size(), direct_.size())),
-      modal_traces_(sign_.size(), 0) {
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    const Body& body = bodies[b];
-    const Index rows = body.rows();
-    if (rows == 0) {
-      continue;
+Flexibility::Flexibility(const Structure& structure)
+    : structure_(structure), joined_(std::make_shared<const Joined>(Joined::numbered(structure))) {
+  number();
+  std::exception_ptr failure;
+  try {
+    add_bodies();
+  } catch (...) {
+    if (structure.communicator().alone()) {
+      throw;
     }
-    inverse_direction_.segment(first_rows[b], rows) = body.directions().cwiseInverse();
-    weights_.segment(first_rows[b], rows) = body.weights();
-    const SparseRows& trace = body.active_traces();
-    const Vector robin = body.weights().cwiseProduct(body.directions());
-    // L L^T = S + T^T W k T is given; held by mu k alone: (1 + mu) L L^T - T^T W k T
-    const Matrix lower = body.condensed_factor().triangularView<Eigen::Lower>();
-    Matrix stiffness = lower.triangularView<Eigen::Lower>() * lower.transpose();
-    stiffness *= 1.0 + mu;
-    const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
-    stiffness -= Matrix(springs);
-    const Eigen::LLT<Matrix> cholesky(stiffness);
-    if (cholesky.info() != Eigen::Success) {
-      throw NumericalError("body '" + body.name() + "': its flexibility cannot be factorised");
-    }
-    parts_.push_back({&body, first_rows[b], cholesky.matrixL(), {}, {}});
-    find_modes(parts_.back(), springs);
-    add_matrix(parts_.back());
+    failure = std::current_exception();
   }
-  for (Index row = 0; row < inverse_direction_.size(); ++row) {
-    const Index unknown_row = unknown_[static_cast<std::size_t>(row)];
-    direct_(unknown_row) += inverse_direction_(row);
-    areas_(unknown_row) = weights_(row);
+  if (!structure.communicator().none_failed(failure)) {
+    throw NumericalError("the flexibility of a body cannot be factorised");
   }
-  find_own(components);
+  gather();
+  find_own();
   matrix_.diagonal() += direct_;
   matrix_ /= 1.0 + mu;
   modal_jumps_ = Matrix::Zero(unknowns(), modal_traces_.cols());
@@ -73,10 +51,87 @@ Flexibility::Flexibility(const std::vector<Body>& bodies, const std::vector<Inde
   }
 }
 
-void Flexibility::find_own(const std::vector<Index>& components) {
+/// What is asked for of the rows and unknowns of all ranks.
+void Flexibility::number() {
+  const Index rows = joined_->rows();
+  const Index unknowns = joined_->unknowns();
+  unknown_.resize(static_cast<std::size_t>(rows));
+  sign_.resize(rows);
+  inverse_direction_ = joined_->directions().cwiseInverse();
+  weights_ = joined_->weights();
+  direct_ = Vector::Zero(unknowns);
+  areas_.resize(unknowns);
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    components_.insert(components_.end(), static_cast<std::size_t>(interface.size),
+                       interface.components);
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      for (Index row = 0; row < interface.size; ++row) {
+        unknown_[static_cast<std::size_t>(interface.rows[s] + row)] = interface.first_unknown + row;
+        sign_(interface.rows[s] + row) = s == 0 ? 1.0 : -1.0;
+      }
+    }
+  }
+  for (Index row = 0; row < rows; ++row) {
+    const Index unknown = unknown_[static_cast<std::size_t>(row)];
+    direct_(unknown) += inverse_direction_(row);
+    areas_(unknown) = weights_(row);
+  }
+  matrix_ = Matrix::Zero(unknowns, unknowns);
+  modal_traces_.resize(rows, 0);
+}
+
+void Flexibility::add_bodies() {
+  for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
+    if (structure_.bodies()[b].rows() > 0) {
+      add_body(structure_.bodies()[b], joined_->first_row() + structure_.body_rows()[b]);
+    }
+  }
+}
+
+void Flexibility::add_body(const Body& body, Index first_row) {
+  const SparseRows& trace = body.active_traces();
+  const Vector robin = body.weights().cwiseProduct(body.directions());
+  // L L^T = S + T^T W k T is given; held by mu k alone: (1 + mu) L L^T - T^T W k T
+  const Matrix lower = body.condensed_factor().triangularView<Eigen::Lower>();
+  Matrix stiffness = lower.triangularView<Eigen::Lower>() * lower.transpose();
+  stiffness *= 1.0 + mu;
+  const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
+  stiffness -= Matrix(springs);
+  const Eigen::LLT<Matrix> cholesky(stiffness);
+  if (cholesky.info() != Eigen::Success) {
+    throw NumericalError("body '" + body.name() + "': its flexibility cannot be factorised");
+  }
+  parts_.push_back({&body, first_row, cholesky.matrixL(), {}, {}});
+  find_modes(parts_.back(), springs);
+  add_matrix(parts_.back());
+}
+
+/// The matrix and the modes of all ranks.
+void Flexibility::gather() {
+  const Communicator& communicator = structure_.communicator();
+  if (communicator.alone()) {
+    return;
+  }
+  communicator.sum({matrix_.data(), static_cast<std::size_t>(matrix_.size())});
+  const auto stiffness = communicator.gather(
+      std::vector<double>(modal_stiffness_.begin(), modal_stiffness_.end()));
+  const auto traces = communicator.gather(
+      std::vector<double>(modal_traces_.data(), modal_traces_.data() + modal_traces_.size()));
+  std::vector<double> every_stiffness;
+  std::vector<double> every_trace;
+  for (std::size_t rank = 0; rank < traces.size(); ++rank) {
+    every_stiffness.insert(every_stiffness.end(), stiffness[rank].begin(), stiffness[rank].end());
+    every_trace.insert(every_trace.end(), traces[rank].begin(), traces[rank].end());
+  }
+  const auto modes = static_cast<Index>(every_stiffness.size());
+  modal_stiffness_ = Eigen::Map<const Vector>(every_stiffness.data(), modes);
+  modal_traces_ = Eigen::Map<const Matrix>(every_trace.data(), modal_traces_.rows(), modes);
+}
+
+void Flexibility::find_own() {
   own_ = matrix_.diagonal();
   for (Index row = 0; row < own_.size();) {
-    const Index count = components[static_cast<std::size_t>(row)];
+    const Index count = components_[static_cast<std::size_t>(row)];
     own_.segment(row, count).setConstant(own_.segment(row, count).mean());
     row += count;
   }
@@ -163,7 +218,7 @@ void Flexibility::add_matrix(const Part& part) {
 Matrix Flexibility::solve(ConstMatrixRef v) const {
   // (1 + mu - k A)^-1 = (1 + k T K^-1 T^T W) / (1 + mu)
   Matrix result = v;
-  for (const Part& part : parts_) {
+  for (const Part& part : parts_) {  // none of them fails
     const SparseRows& trace = part.body->active_traces();
     auto of_body = result.middleRows(part.first_row, part.body->rows());
     Matrix unknowns = trace.transpose() * (part.body->weights().asDiagonal() * of_body);
@@ -172,6 +227,9 @@ Matrix Flexibility::solve(ConstMatrixRef v) const {
     part.factor.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);
     unknowns -= part.modes * (part.springs.transpose() * unknowns);
     of_body += part.body->directions().asDiagonal() * (trace * unknowns);
+  }
+  if (!structure_.communicator().alone()) {
+    result = joined_->of_rows(joined_->own_rows(result));
   }
   return result / (1.0 + mu);
 }

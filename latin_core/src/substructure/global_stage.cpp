@@ -83,8 +83,7 @@ void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
   }
 }
 
-Matrix GlobalStage::balance(LocalStage& local, ConstMatrixRef amplitudes, MatrixRef data,
-                            MatrixRef traces) {
+Matrix GlobalStage::imbalance(LocalStage& local, ConstMatrixRef data, ConstMatrixRef traces) {
   const Structure& structure = laws_.structure();
   Matrix forces = data - structure.directions().asDiagonal() * traces;
   for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
@@ -93,7 +92,13 @@ Matrix GlobalStage::balance(LocalStage& local, ConstMatrixRef amplitudes, Matrix
       forces.middleRows(interface.rows.front(), interface.size()) -= local.force(i, data, traces);
     }
   }
-  Matrix added = structure.macro().correct(forces, data, traces);
+  return structure.macro().imbalance(forces);
+}
+
+Matrix GlobalStage::balance(const Matrix& imbalance, ConstMatrixRef amplitudes, MatrixRef data,
+                            MatrixRef traces) {
+  const Structure& structure = laws_.structure();
+  Matrix added = structure.macro().correct(imbalance, data, traces);
   // the coarse problem has the stiffnesses without factors
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
     const Index first = structure.body_rows()[b];

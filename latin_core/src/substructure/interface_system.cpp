@@ -37,8 +37,8 @@ Matrix sizes_of_points(const Matrix& jumps, Index components, double unit) {
 }  // namespace
 
 bool InterfaceSystem::suits(const Laws& laws) {
-  return laws.structure().communicator().alone() && !laws.transformed() && !laws.linear() &&
-         !laws.scales_anywhere();
+  return laws.structure().communicator().everywhere(!laws.transformed()) &&
+         !laws.linear_everywhere() && !laws.scales_anywhere();
 }
 
 InterfaceSystem::InterfaceSystem(Laws laws) : laws_(std::move(laws)), direct_(unknowns()) {

@@ -1,6 +1,7 @@
 #include "latin/substructure/joined.hpp"
 
 #include <algorithm>
+#include <map>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -55,14 +56,14 @@ class Unpacker {
 
 }  // namespace
 
-Joined::Joined(const Structure& structure, const Laws* laws) : structure_(structure) {
+Joined::Joined(const Structure& structure, const Laws* laws, bool bodies) : structure_(structure) {
   const auto& interfaces = structure.interfaces();
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     if (!interfaces[i].shared() || interfaces[i].here() == 0) {
       spoken_for_.push_back(i);
     }
   }
-  structure.communicator().together([this, laws] { take_own(laws); });
+  structure.communicator().together([&] { take_own(laws, bodies); });
   if (!structure.communicator().alone()) {
     exchange();
   }
@@ -72,7 +73,7 @@ Joined::Joined(const Structure& structure, const Laws* laws) : structure_(struct
   }
 }
 
-void Joined::take_own(const Laws* laws) {
+void Joined::take_own(const Laws* laws, bool matrices) {
   const auto& bodies = structure_.bodies();
   const bool varied = laws != nullptr && laws->modes() == 1;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
@@ -82,7 +83,9 @@ void Joined::take_own(const Laws* laws) {
     JoinedBody body;
     body.first_row = structure_.body_rows()[b];
     body.stiffest = factor * bodies[b].stiffest();
-    if (bodies[b].rows() > 0) {
+    if (!matrices) {
+      body.traces = SparseRows(bodies[b].rows(), 0);
+    } else if (bodies[b].rows() > 0) {
       body.stiffness = factor * stiffness_of(field != nullptr ? *field->body : bodies[b]);
       body.traces = bodies[b].active_traces();
     }
@@ -102,6 +105,16 @@ void Joined::number_interfaces() {
     interface.first_unknown = unknowns_;
     unknowns_ += interface.size;
     most_components_ = std::max(most_components_, interface.components);
+  }
+  std::map<Index, Index> of_row;
+  for (const JoinedInterface& interface : interfaces_) {
+    for (const Index row : interface.rows) {
+      of_row.emplace(row, interface.first_unknown);
+    }
+  }
+  for (const ActiveInterface& own : structure_.interfaces()) {
+    const Index row = own.shared() ? own.rows[own.here()] : own.rows.front();
+    first_unknowns_.push_back(of_row.at(row + first_row_));
   }
 }
 
@@ -254,6 +267,16 @@ Matrix Joined::of_unknowns(const Matrix& own) const {
     first += interface.size();
   }
   return communicator.stacked(spoken, unknowns_of_ranks_);
+}
+
+Matrix Joined::own_unknowns(ConstMatrixRef all) const {
+  Matrix own(structure_.interface_unknowns(), all.cols());
+  for (std::size_t i = 0; i < first_unknowns_.size(); ++i) {
+    const ActiveInterface& interface = structure_.interface(i);
+    own.middleRows(interface.first_unknown, interface.size()) =
+        all.middleRows(first_unknowns_[i], interface.size());
+  }
+  return own;
 }
 
 }  // namespace latin::substructure

@@ -145,11 +145,6 @@ void check_fields(const ActiveInterface& interface, const interface::Law& law, I
   }
 }
 
-std::size_t body_of(const Structure& structure, Index row) {
-  const auto& first = structure.body_rows();
-  return static_cast<std::size_t>(std::ranges::upper_bound(first, row) - first.begin()) - 1;
-}
-
 /// Stiffness of a linear law: f = kappa (j - jump) answers a free jump with kappa / (1 + c kappa).
 Vector stiffness_of(const ActiveInterface& interface, const interface::Law& law) {
   const Index rows = interface.size();
@@ -232,20 +227,46 @@ bool Laws::stiffness_is_one() const {
   return true;
 }
 
-bool Laws::preconditions() const {
-  return std::ranges::any_of(structure_->interfaces(), &ActiveInterface::paired);
-}
+bool Laws::preconditions() const { return structure_->pairs(); }
 
 void Laws::precondition(MatrixRef residual) const {
   const auto& interfaces = structure_->interfaces();
+  const auto rows_of = [&](const ActiveInterface& interface, std::size_t side) {
+    return residual.middleRows(interface.rows[side], interface.size());
+  };
+  Exchange exchange(structure_->communicator());
+  std::vector<std::size_t> shared;
+  std::vector<std::size_t> slots;
+  for (const std::size_t i : structure_->shared_interfaces()) {
+    if (interfaces[i].paired) {
+      shared.push_back(i);
+      slots.push_back(exchange.add(interfaces[i].away.rank, interfaces[i].size()));
+    }
+  }
+  exchange.prepare(residual.cols());
+  for (std::size_t n = 0; n < shared.size(); ++n) {
+    exchange.outgoing(slots[n]) = rows_of(interfaces[shared[n]], interfaces[shared[n]].here());
+  }
+  Exchange::Transit transit = exchange.start();
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
-    if (!interfaces[i].paired) {
+    const ActiveInterface& interface = interfaces[i];
+    if (!interface.paired || interface.shared()) {
       continue;
     }
-    if (interfaces[i].rows.size() == 1) {
-      residual.middleRows(interfaces[i].rows.front(), interfaces[i].size()) *= 0.5;
+    if (interface.rows.size() == 1) {
+      rows_of(interface, 0) *= 0.5;
     } else {
-      pair(i).apply(residual);
+      pair(i).apply(rows_of(interface, 0), rows_of(interface, 1));
+    }
+  }
+  transit.finish();
+  for (std::size_t n = 0; n < shared.size(); ++n) {
+    const ActiveInterface& interface = interfaces[shared[n]];
+    Matrix away = exchange.incoming(slots[n]);
+    if (interface.here() == 0) {
+      pair(shared[n]).apply(rows_of(interface, 0), away);
+    } else {
+      pair(shared[n]).apply(away, rows_of(interface, 1));
     }
   }
 }
@@ -258,13 +279,11 @@ const Pair& Laws::pair(std::size_t i) const {
   }
   const Vector stiffness = stiffness_of(interface, *active.law);  // before others are made to wait
   return active.pair->get([&] {
-    std::array<PairSide, 2> sides{};
+    std::array<PairSide, 2> sides;
     for (std::size_t s = 0; s < 2; ++s) {
-      const std::size_t b = body_of(*structure_, interface.rows[s]);
-      sides[s] = {&structure_->bodies()[b], interface.rows[s] - structure_->body_rows()[b],
-                  interface.rows[s]};
+      sides[s] = interface.rows[s] < 0 ? *interface.beyond : structure_->pair_side(interface, s);
     }
-    return Pair(sides, interface.geometry.weights, stiffness);
+    return Pair(std::move(sides), interface.geometry.weights, stiffness);
   });
 }
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
+#include <utility>
 
 #include "latin/common/error.hpp"
 
@@ -17,78 +18,108 @@ constexpr double softness = 1e-5;
 
 }  // namespace
 
-Pair::Pair(const std::array<PairSide, 2>& sides, const Vector& weights, const Vector& stiffness)
-    : weights_(weights), of_law_(stiffness) {
+PairSide::PairSide(const Body& of, Index row_in_body, const Vector& weights)
+    : direction(of.directions().segment(row_in_body, weights.size())), body(of.name()) {
   const Index rows = weights.size();
-  std::array<Matrix, 2> held;
-  Vector flexibility = Vector::Zero(rows);
-  for (std::size_t s = 0; s < 2; ++s) {
-    const Body& body = *sides[s].body;
-    Side& side = sides_[s];
-    side.row = sides[s].row;
-    side.direction = body.directions().segment(sides[s].row_in_body, rows);
-    flexibility += side.direction.cwiseInverse();
-    // unknowns that the side touches, and its trace on them
-    const SparseRows all = body.active_traces().middleRows(sides[s].row_in_body, rows);
-    std::vector<Index> touched;
-    std::vector<int> position(static_cast<std::size_t>(body.active()), -1);
-    std::vector<Eigen::Triplet<double>> entries;
-    for (Index row = 0; row < rows; ++row) {
-      for (SparseRows::InnerIterator it(all, row); it; ++it) {
-        int& at = position[static_cast<std::size_t>(it.col())];
-        if (at < 0) {
-          at = static_cast<int>(touched.size());
-          touched.push_back(it.col());
-        }
-        entries.emplace_back(static_cast<int>(row), at, it.value());
+  // unknowns that the side touches, and its trace on them
+  const SparseRows all = of.active_traces().middleRows(row_in_body, rows);
+  std::vector<Index> touched;
+  std::vector<int> position(static_cast<std::size_t>(of.active()), -1);
+  std::vector<Eigen::Triplet<double>> entries;
+  for (Index row = 0; row < rows; ++row) {
+    for (SparseRows::InnerIterator it(all, row); it; ++it) {
+      int& at = position[static_cast<std::size_t>(it.col())];
+      if (at < 0) {
+        at = static_cast<int>(touched.size());
+        touched.push_back(it.col());
       }
+      entries.emplace_back(static_cast<int>(row), at, it.value());
     }
-    const auto count = static_cast<Index>(touched.size());
-    side.trace.resize(rows, count);
-    side.trace.setFromTriplets(entries.begin(), entries.end());
-
-    if (count == 0) {  // a face that is held entirely
-      held[s] = Matrix(0, 0);
-      continue;
-    }
-    const Eigen::LLT<Matrix> compliance(body.inverse_block(touched));
-    held[s] = (1.0 + mu) * compliance.solve(Matrix::Identity(count, count));
-    const Vector springs = weights.cwiseProduct(side.direction);
-    held[s] -= Matrix(SparseRows(side.trace.transpose() * (springs.asDiagonal() * side.trace)));
   }
+  const auto count = static_cast<Index>(touched.size());
+  trace.resize(rows, count);
+  trace.setFromTriplets(entries.begin(), entries.end());
+  if (count == 0) {  // a face that is held entirely
+    held = Matrix(0, 0);
+    return;
+  }
+  const Eigen::LLT<Matrix> compliance(of.inverse_block(touched));
+  held = (1.0 + mu) * compliance.solve(Matrix::Identity(count, count));
+  const Vector springs = weights.cwiseProduct(direction);
+  held -= Matrix(SparseRows(trace.transpose() * (springs.asDiagonal() * trace)));
+}
+
+std::vector<double> PairSide::packed() const {
+  std::vector<double> numbers{static_cast<double>(trace.cols()),
+                              static_cast<double>(trace.nonZeros())};
+  numbers.insert(numbers.end(), direction.begin(), direction.end());
+  numbers.insert(numbers.end(), held.data(), held.data() + held.size());
+  for (Index row = 0; row < trace.rows(); ++row) {
+    for (SparseRows::InnerIterator it(trace, row); it; ++it) {
+      numbers.insert(numbers.end(), {static_cast<double>(row), static_cast<double>(it.col()),
+                                     it.value()});
+    }
+  }
+  return numbers;
+}
+
+PairSide PairSide::unpacked(const std::vector<double>& numbers, Index rows, std::string name) {
+  PairSide side;
+  side.body = std::move(name);
+  const auto count = static_cast<Index>(numbers[0]);
+  const auto entries = static_cast<std::size_t>(numbers[1]);
+  const double* next = numbers.data() + 2;
+  side.direction = Eigen::Map<const Vector>(next, rows);
+  side.held = Eigen::Map<const Matrix>(next + rows, count, count);
+  next += rows + count * count;
+  std::vector<Eigen::Triplet<double>> all;
+  for (std::size_t i = 0; i < entries; ++i, next += 3) {
+    all.emplace_back(static_cast<int>(next[0]), static_cast<int>(next[1]), next[2]);
+  }
+  side.trace.resize(rows, count);
+  side.trace.setFromTriplets(all.begin(), all.end());
+  return side;
+}
+
+Pair::Pair(std::array<PairSide, 2> sides, const Vector& weights, const Vector& stiffness)
+    : sides_(std::move(sides)), weights_(weights), of_law_(stiffness) {
+  const Vector flexibility = sides_[0].direction.cwiseInverse() + sides_[1].direction.cwiseInverse();
   stiffness_ = (stiffness.cwiseInverse() + softness * flexibility).cwiseInverse();
 
   const Vector springs = weights.cwiseProduct(stiffness_);
-  const std::array<Index, 3> first{0, held[0].rows(), held[0].rows() + held[1].rows()};
+  const std::array<Index, 3> first{0, sides_[0].held.rows(),
+                                   sides_[0].held.rows() + sides_[1].held.rows()};
   Matrix matrix = Matrix::Zero(first[2], first[2]);
   for (std::size_t s = 0; s < 2; ++s) {
     for (std::size_t t = 0; t <= s; ++t) {
       const SparseRows product =
           sides_[s].trace.transpose() * (springs.asDiagonal() * sides_[t].trace);
-      auto block = matrix.block(first[s], first[t], held[s].rows(), held[t].rows());
+      auto block = matrix.block(first[s], first[t], sides_[s].held.rows(), sides_[t].held.rows());
       block = (s == t ? 1.0 : -1.0) * Matrix(product);
       if (s == t) {
-        block += held[s];
+        block += sides_[s].held;
       }
     }
   }
   const Eigen::LLT<Matrix> cholesky(matrix);
   if (cholesky.info() != Eigen::Success) {
-    throw NumericalError("bodies '" + sides[0].body->name() + "' and '" + sides[1].body->name() +
+    throw NumericalError("bodies '" + sides_[0].body + "' and '" + sides_[1].body +
                          "': the operator of their interface is not definite");
   }
   lower_ = cholesky.matrixL();
+  for (PairSide& side : sides_) {
+    side.held.resize(0, 0);
+  }
 }
 
-void Pair::apply(MatrixRef residual) const {
-  const Index rows = weights_.size();
+void Pair::apply(MatrixRef first, MatrixRef second) const {
   const Index split = sides_[0].trace.cols();
-  const Matrix half1 = 0.5 * residual.middleRows(sides_[0].row, rows);
-  const Matrix half2 = 0.5 * residual.middleRows(sides_[1].row, rows);
+  const Matrix half1 = 0.5 * first;
+  const Matrix half2 = 0.5 * second;
   Matrix force =
       stiffness_.asDiagonal() * (sides_[0].direction.cwiseInverse().asDiagonal() * half1 -
                                  sides_[1].direction.cwiseInverse().asDiagonal() * half2);
-  Matrix q(lower_.rows(), residual.cols());
+  Matrix q(lower_.rows(), first.cols());
   q.topRows(split) = sides_[0].trace.transpose() * (weights_.asDiagonal() * (half1 + force));
   q.bottomRows(lower_.rows() - split) =
       sides_[1].trace.transpose() * (weights_.asDiagonal() * (half2 - force));
@@ -97,8 +128,8 @@ void Pair::apply(MatrixRef residual) const {
   const Matrix w1 = sides_[0].trace * q.topRows(split);
   const Matrix w2 = sides_[1].trace * q.bottomRows(lower_.rows() - split);
   force += stiffness_.asDiagonal() * (w2 - w1);
-  residual.middleRows(sides_[0].row, rows) = half1 + force + sides_[0].direction.asDiagonal() * w1;
-  residual.middleRows(sides_[1].row, rows) = half2 - force + sides_[1].direction.asDiagonal() * w2;
+  first = half1 + force + sides_[0].direction.asDiagonal() * w1;
+  second = half2 - force + sides_[1].direction.asDiagonal() * w2;
 }
 
 }  // namespace latin::substructure

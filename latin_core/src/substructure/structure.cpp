@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 #include <ranges>
 #include <utility>
@@ -86,8 +87,8 @@ void check_interface(const InterfaceDescription& interface, const auto& is_here)
 std::string label(const ActiveInterface& interface, int other) {
   return interface.name() + "' between ranks " + std::to_string(other) + " with " +
          std::to_string(interface.geometry.points) + " points of " +
-         std::to_string(interface.geometry.components) + " components, '" +
-         interface.geometry.law->name();
+         std::to_string(interface.geometry.components) + " components, " +
+         std::to_string(interface.basis.cols()) + " moments, " + (interface.paired ? "paired, '" : "'") + interface.geometry.law->name();
 }
 
 }  // namespace
@@ -185,9 +186,6 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
         {place.member, interface::to_local_frame(side.trace, description.frames, name),
          entry.geometry.weights, std::move(side.direction)});
     sides.owner[place.body].emplace_back(interfaces_.size(), s);
-  }
-  if ((description.paired || description.basis.size() > 0) && !communicator_.alone()) {
-    refuse(name, "a coarse problem and paired interfaces are not spread over ranks");
   }
   if (description.paired && !entry.geometry.law->linear()) {
     refuse(name, "law '" + entry.geometry.law->name() + "' is nonlinear and cannot be paired");
@@ -315,6 +313,104 @@ void Structure::connect() {
     const Matrix there = exchange.incoming(slots[n]);
     interfaces_[shared_[n]].flexibility += there.col(0).cwiseInverse();
   }
+  share_bases();
+  if (pairs_ && !communicator_.alone()) {
+    share_pairs();
+  }
+}
+
+/// The displacements of the coarse problem must be the same on both ranks of an interface, to the last bit.
+void Structure::share_bases() {
+  std::array<double, 3> sums{};
+  for (const ActiveInterface& interface : interfaces_) {
+    sums[2] += interface.paired ? 1.0 : 0.0;
+    if (interface.rows.front() >= 0) {
+      sums[0] += static_cast<double>(interface.basis.cols());
+      sums[1] += static_cast<double>(interface.size());
+    }
+  }
+  communicator_.sum(sums);
+  macro_size_ = static_cast<Index>(std::llround(sums[0]));
+  total_unknowns_ = static_cast<Index>(std::llround(sums[1]));
+  pairs_ = sums[2] > 0.0;
+  Exchange exchange(communicator_);
+  std::vector<std::size_t> slots;
+  slots.reserve(shared_.size());
+  for (const std::size_t i : shared_) {
+    slots.push_back(exchange.add(interfaces_[i].away.rank, interfaces_[i].basis.size()));
+  }
+  exchange.prepare(1);
+  for (std::size_t n = 0; n < shared_.size(); ++n) {
+    exchange.outgoing(slots[n]) = interfaces_[shared_[n]].basis.reshaped();
+  }
+  exchange.start().finish();
+  for (std::size_t n = 0; n < shared_.size(); ++n) {
+    ActiveInterface& interface = interfaces_[shared_[n]];
+    if (interface.away.side == 0) {
+      interface.basis.reshaped() = exchange.incoming(slots[n]);
+    }
+  }
+}
+
+PairSide Structure::pair_side(const ActiveInterface& interface, std::size_t side) const {
+  const Index row = interface.rows[side];
+  // a body without rows begins where the next one does
+  const auto after = std::upper_bound(body_rows_.begin(), body_rows_.end(), row);
+  const auto b = static_cast<std::size_t>(after - body_rows_.begin()) - 1;
+  return {bodies_[b], row - body_rows_[b], interface.geometry.weights};
+}
+
+/// Tell neighbours the sides of the pairs that they share.
+void Structure::share_pairs() {
+  std::vector<std::size_t> paired;
+  std::ranges::copy_if(shared_, std::back_inserter(paired),
+                       [this](std::size_t i) { return interfaces_[i].paired; });
+  std::vector<std::vector<double>> own(paired.size());
+  std::vector<std::string> names(paired.size());
+  communicator_.together([&] {
+    for (std::size_t n = 0; n < paired.size(); ++n) {
+      const ActiveInterface& interface = interfaces_[paired[n]];
+      const PairSide side = pair_side(interface, interface.here());
+      own[n] = side.packed();
+      names[n] = side.body;
+    }
+  });
+  const auto swap = [&](const auto& size_of, const auto& value_of) {
+    Exchange exchange(communicator_);
+    std::vector<std::size_t> slots;
+    for (std::size_t n = 0; n < paired.size(); ++n) {
+      slots.push_back(exchange.add(interfaces_[paired[n]].away.rank, size_of(n)));
+    }
+    exchange.prepare(1);
+    for (std::size_t n = 0; n < paired.size(); ++n) {
+      auto block = exchange.outgoing(slots[n]);
+      for (Index row = 0; row < block.rows(); ++row) {
+        block(row, 0) = value_of(n, row);
+      }
+    }
+    exchange.start().finish();
+    std::vector<std::vector<double>> found;
+    for (const std::size_t slot : slots) {
+      const Matrix block = exchange.incoming(slot);
+      found.emplace_back(block.data(), block.data() + block.size());
+    }
+    return found;
+  };
+  // both ways have one length: that of the longer one
+  const auto lengths = swap([](std::size_t) { return Index{1}; },
+                            [&](std::size_t n, Index) { return static_cast<double>(own[n].size()); });
+  const auto longer = [&](std::size_t n) {
+    return std::max(static_cast<Index>(own[n].size()), static_cast<Index>(lengths[n].front()));
+  };
+  const auto beyond = swap(longer, [&](std::size_t n, Index row) {
+    const auto at = static_cast<std::size_t>(row);
+    return at < own[n].size() ? own[n][at] : 0.0;
+  });
+  for (std::size_t n = 0; n < paired.size(); ++n) {
+    ActiveInterface& interface = interfaces_[paired[n]];
+    interface.beyond = std::make_shared<const PairSide>(
+        PairSide::unpacked(beyond[n], interface.size(), "of interface " + interface.name()));
+  }
 }
 
 /// @param joined substructures, two of each interface one after the other
@@ -369,7 +465,7 @@ void Structure::check_neighbours() const {
       if (std::ranges::find(there, label(interfaces_[i], communicator_.rank())) == there.end()) {
         throw InputError("interface '" + interfaces_[i].name() + "' is not the same on rank " +
                          std::to_string(rank) +
-                         ": describe it on both with the same points, components and law");
+                         ": describe it on both with the same points, components, moments and law");
       }
     }
   });
@@ -401,49 +497,28 @@ bool Structure::has_interface(const std::string& name) const {
   return std::ranges::find(interfaces_, name, &ActiveInterface::name) != interfaces_.end();
 }
 
-Index Structure::macro_size() const {
-  return std::transform_reduce(interfaces_.begin(), interfaces_.end(), Index{0}, std::plus<>(),
-                               [](const ActiveInterface& each) { return each.basis.cols(); });
-}
-
 const Macro& Structure::macro() const {
   return macro_.get([this] {
     std::vector<MacroInterface> interfaces;
     for (const ActiveInterface& interface : interfaces_) {
       if (interface.basis.size() > 0) {
-        interfaces.push_back({interface.rows, interface.basis});
+        interfaces.push_back({interface.name(), interface.rows, interface.basis});
       }
     }
-    return Macro(bodies_, body_rows_, interfaces);
+    return Macro(bodies_, body_rows_, interfaces, communicator_);
   });
 }
 
 bool Structure::has_flexibility() const {
-  const auto unknowns = static_cast<double>(interface_unknowns_);
+  const auto unknowns = static_cast<double>(total_unknowns_);
   const bool affordable = memory_limit_ <= 0.0 || 8.0 * unknowns * unknowns <= memory_limit_;
-  return affordable && communicator_.alone() && std::ranges::all_of(bodies_, [](const Body& body) {
-           return body.rows() == 0 || body.condensed();
-         });
+  return affordable &&
+         communicator_.everywhere(std::ranges::all_of(
+             bodies_, [](const Body& body) { return body.rows() == 0 || body.condensed(); }));
 }
 
 const Flexibility& Structure::flexibility() const {
-  return flexibility_.get([this] {
-    std::vector<Index> unknown(static_cast<std::size_t>(rows_));
-    Vector sign(rows_);
-    std::vector<Index> components;
-    for (const ActiveInterface& interface : interfaces_) {
-      components.insert(components.end(), static_cast<std::size_t>(interface.size()),
-                        interface.geometry.components);
-      for (std::size_t s = 0; s < interface.rows.size(); ++s) {
-        for (Index row = 0; row < interface.size(); ++row) {
-          unknown[static_cast<std::size_t>(interface.rows[s] + row)] =
-              interface.first_unknown + row;
-          sign(interface.rows[s] + row) = s == 0 ? 1.0 : -1.0;
-        }
-      }
-    }
-    return Flexibility(bodies_, body_rows_, std::move(unknown), std::move(sign), components);
-  });
+  return flexibility_.get([this] { return Flexibility(*this); });
 }
 
 }  // namespace latin::substructure

@@ -38,6 +38,8 @@ class Communicator {
   void sum(std::span<double> values) const;
   [[nodiscard]] double sum(double value) const;
   [[nodiscard]] Index maximum(Index value) const;
+  /// Replace numbers by those of the first rank, so that what all compute alike is the same bit by bit.
+  void follow_first(std::span<double> values) const;
   /// NaN counts as infinity.
   [[nodiscard]] double largest(double value) const;
   /// What every rank gives, in the order of ranks. No text may contain a NUL.

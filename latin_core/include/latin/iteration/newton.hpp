@@ -1,6 +1,7 @@
 #pragma once
 
 #include "latin/common/types.hpp"
+#include "latin/iteration/joined_system.hpp"
 #include "latin/iteration/newton_proposal.hpp"
 #include "latin/iteration/state.hpp"
 #include "latin/iteration/subspace.hpp"
@@ -22,6 +23,8 @@ namespace latin::iteration {
 ///
 /// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: see TangentSystem.
 ///
+/// On several ranks the bodies and laws are asked where they are, and each rank takes the same steps, see JoinedSystem.
+///
 /// In terms of the iteration, with N = 1 - k A_b (A_b: the global stage) and E the map of a force per area onto
 /// both sides (+1, -1): forces f + y on the bodies give N ds = F / 2 + E y. N is singular where a body
 /// floats; N + mu with a tiny mu is the same body on springs mu k, whose forces the outer iteration takes
@@ -31,13 +34,14 @@ class Newton {
   /// @param global stage of the run, amplitudes of its load patterns; they must outlive this object
   Newton(substructure::GlobalStage& global, const Matrix& amplitudes);
 
-  /// Solve column after column, until one of them fails.
+  /// Solve column after column, until one of them fails. Collective.
   /// @param state of the iterate; replaced in the columns that are solved
   /// @param tolerance    on the forces, relative to the largest column of them
   NewtonOutcome solve(State& state, double tolerance);
 
   [[nodiscard]] const TangentSystem& tangent_system() const { return tangent_system_; }
-  [[nodiscard]] const substructure::InterfaceSystem& system() const { return system_; }
+  /// The laws of this rank.
+  [[nodiscard]] const substructure::InterfaceSystem& system() const { return system_.own(); }
 
  private:
   /// One column: where it starts, and what Newton changes.
@@ -52,6 +56,7 @@ class Newton {
     Vector phi;     ///< R(j0) - f
     double norm = 0.0;
   };
+  NewtonOutcome solve_all(State& state, double tolerance);
   [[nodiscard]] double size_of_forces(const Matrix& data, const Matrix& traces) const;
   [[nodiscard]] Column begin(const State& state, Index index);
   [[nodiscard]] bool iterate(Column& column, double tolerance, bool all, Index& steps);
@@ -69,9 +74,8 @@ class Newton {
   void apply(State& state, Index index);
   [[nodiscard]] double norm(const Vector& force) const;
 
-  substructure::GlobalStage& global_;
   const Matrix& amplitudes_;
-  substructure::InterfaceSystem system_;
+  JoinedSystem system_;
   const substructure::Flexibility& flexibility_;
   const substructure::InterfaceSystem::Layout& layout_;
   Vector own_;     ///< flexibility at which the laws are asked
@@ -79,8 +83,8 @@ class Newton {
   Matrix modes_;   ///< orthonormal basis of the jumps of the modes times the root of the metric
   TangentSystem tangent_system_;
   Subspace subspace_;
-  substructure::InterfaceSystem::Memory memory_;  ///< of the columns before
-  double scale_ = 0.0;                            ///< size of the forces
+  JoinedSystem::Memory memory_;  ///< of the columns before
+  double scale_ = 0.0;           ///< size of the forces
 };
 
 }  // namespace latin::iteration

@@ -113,6 +113,7 @@ class Stages {
  private:
   /// @param step of which alone the traces change in single precision; null: in double precision
   void global(Matrix* step, Matrix& data, Matrix& traces);
+  void balance(Matrix* step, Matrix& data, Matrix& traces);
 
   substructure::GlobalStage global_;
   substructure::LocalStage local_;

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <utility>
+#include <vector>
+
 #include "latin/common/types.hpp"
+#include "latin/iteration/joined_system.hpp"
 #include "latin/iteration/newton_proposal.hpp"
 #include "latin/iteration/state.hpp"
-#include "latin/substructure/global_stage.hpp"
-#include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
 
@@ -17,27 +19,27 @@ namespace latin::iteration {
 /// from one call, to the next.
 class Subspace {
  public:
-  /// @param global stage of the run, system of its interfaces; they must outlive this object
-  Subspace(substructure::GlobalStage& global, const substructure::InterfaceSystem& system);
+  /// @param system must outlive this object
+  explicit Subspace(const JoinedSystem& system);
 
-  /// Solve column after column, until one of them fails.
+  /// Solve column after column, until one of them fails. Collective, as all members are.
   /// @param state of the iterate; replaced in the columns that are solved, and in the one that is not
   /// @param tolerance on the residual, relative to the largest column of the data
   NewtonOutcome solve(State& state, const Matrix& amplitudes, double tolerance);
   /// Make the residual of one column smaller.
-  /// @param state     (rows, 1) data and traces, replaced by the best found
+  /// @param state     of all ranks (rows, 1) data and traces, replaced by the best found
   /// @param before    of the columns before
   /// @param tolerance on the norm of the residual
   /// @param most      global stages
   /// @return whether the tolerance was reached
-  bool improve(Index column, const substructure::InterfaceSystem::Memory& before, State& state,
+  bool improve(Index column, const JoinedSystem::Memory& before, State& state,
                double tolerance, Index most);
 
   /// Norm of data or residuals.
   [[nodiscard]] double norm(ConstMatrixRef block) const;
   /// Norm of the residual of a column, (rows, 1).
   [[nodiscard]] double residual_norm(Index column,
-                                     const substructure::InterfaceSystem::Memory& before,
+                                     const JoinedSystem::Memory& before,
                                      const State& state) const;
   /// Global stages of single columns so far, and minimisations of Gauss and Newton.
   [[nodiscard]] Index stages() const { return stages_; }
@@ -53,19 +55,17 @@ class Subspace {
     Vector residual;
     double norm = 0.0;
   };
-  [[nodiscard]] Point at(Index column, const substructure::InterfaceSystem::Memory& before,
+  [[nodiscard]] Point at(Index column, const JoinedSystem::Memory& before,
                          State state) const;
-  /// Residual of forces (unknowns, c), data and traces (rows, c).
-  [[nodiscard]] Matrix residual(const Matrix& forces, ConstMatrixRef data,
-                                ConstMatrixRef traces) const;
+  NewtonOutcome solve_all(State& state, const Matrix& amplitudes, double tolerance);
   /// One step of Gauss and Newton in the space. @return whether the residual fell by enough to go on
-  bool step(Index column, const substructure::InterfaceSystem::Memory& before, Point& point);
+  bool step(Index column, const JoinedSystem::Memory& before, Point& point);
   /// A direction more. @return whether it is new
   bool grow(const Vector& direction);
   bool add(Matrix data, Matrix traces);
 
-  substructure::GlobalStage& global_;
-  const substructure::InterfaceSystem& system_;
+  const JoinedSystem& system_;
+  std::vector<std::pair<Index, Index>> bodies_;  ///< first row and rows of each
   Vector weights_;  ///< W/k, of the metric
   Matrix data_;     ///< V, (rows, most_directions), orthonormal in the metric
   Matrix traces_;   ///< A V

@@ -1,11 +1,15 @@
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "latin/common/types.hpp"
 #include "latin/substructure/body.hpp"
 
 namespace latin::substructure {
+
+class Joined;
+class Structure;
 
 /// Dense flexibility of the interfaces of condensed bodies: what Newton's step needs of the global stage.
 ///
@@ -17,18 +21,17 @@ namespace latin::substructure {
 ///     N^-1 v = N+ v + k V theta^-1 V^T W v / (1 + mu),
 ///
 /// V (rows, r) their traces and theta (r) their stiffness. E^T k^-1 N+ E is the matrix (unknowns, unknowns).
+///
+/// On several ranks rows and unknowns are those of all, see Joined, and every rank has the matrix; the factors of the
+/// bodies stay where the bodies are.
 class Flexibility {
  public:
   /// Springs that hold the bodies, relative to the search direction k.
   static constexpr double mu = 1e-7;
 
-  /// @param first_rows  first row of every body in the stacked blocks
-  /// @param unknown     (rows) the unknown (point and component of an interface) that a row belongs to
-  /// @param sign        (rows) +1 on side 1, -1 on side 2
-  /// @param components  (unknowns) of the point that the unknown belongs to
+  /// Collective. @param structure must outlive this object
   /// @throws NumericalError naming a body that is not definite
-  Flexibility(const std::vector<Body>& bodies, const std::vector<Index>& first_rows,
-              std::vector<Index> unknown, Vector sign, const std::vector<Index>& components);
+  explicit Flexibility(const Structure& structure);
 
   [[nodiscard]] Index unknowns() const { return matrix_.rows(); }
   /// E^T k^-1 N+ E
@@ -40,7 +43,7 @@ class Flexibility {
   [[nodiscard]] const Vector& own() const { return own_; }
   /// (unknowns) areas
   [[nodiscard]] const Vector& areas() const { return areas_; }
-  /// N+ v, (rows, c)
+  /// N+ v, (rows, c). Collective.
   [[nodiscard]] Matrix solve(ConstMatrixRef v) const;
   /// theta (r), without the springs mu k
   [[nodiscard]] const Vector& modal_stiffness() const { return modal_stiffness_; }
@@ -66,13 +69,20 @@ class Flexibility {
         modes;  ///< Z: those of K Z = T^T W k T Z theta with a small theta, Z^T (T^T W k T) Z = 1
     Matrix springs;  ///< T^T W k T Z
   };
+  void number();
+  void add_bodies();
+  void add_body(const Body& body, Index first_row);
+  void gather();
   void find_modes(Part& part, const SparseRows& springs);
   void add_matrix(const Part& part);
-  void find_own(const std::vector<Index>& components);
+  void find_own();
 
-  std::vector<Part> parts_;
-  std::vector<Index> unknown_;
-  Vector sign_;
+  const Structure& structure_;
+  std::shared_ptr<const Joined> joined_;
+  std::vector<Part> parts_;  ///< of this rank, with rows of all
+  std::vector<Index> unknown_;     ///< (rows) the point and component that a row belongs to
+  std::vector<Index> components_;  ///< (unknowns) of the point
+  Vector sign_;  ///< (rows) +1 on side 1, -1 on side 2
   Vector inverse_direction_;
   Vector weights_;
   Vector direct_;

@@ -29,12 +29,15 @@ class GlobalStage {
   void apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces);
   /// Add to the traces what a change of the data (rows, c) adds to them, in single precision.
   void change(ConstMatrixRef change, MatrixRef traces);
-  /// Balance the moments of the interface forces after a global stage, see Macro; only where the structure has
-  /// a coarse problem.
+  /// What this rank adds to the imbalance of the moments of the interface forces, see Macro; only where the structure
+  /// has a coarse problem.
   /// @param local  of the same laws: what the boundary interfaces have to carry
+  [[nodiscard]] Matrix imbalance(LocalStage& local, ConstMatrixRef data, ConstMatrixRef traces);
+  /// Balance the moments of the interface forces after a global stage.
+  /// @param imbalance of all ranks
   /// @param amplitudes (l, c) of the load patterns
   /// @return what was added to the data, (rows, c)
-  [[nodiscard]] Matrix balance(LocalStage& local, ConstMatrixRef amplitudes, MatrixRef data,
+  [[nodiscard]] Matrix balance(const Matrix& imbalance, ConstMatrixRef amplitudes, MatrixRef data,
                                MatrixRef traces);
   /// w of the sides of one body whose stiffness has factors.
   void apply_scaled(std::size_t body, ConstMatrixRef data, ConstMatrixRef amplitudes,

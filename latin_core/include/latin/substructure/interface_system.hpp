@@ -11,10 +11,10 @@ namespace latin::substructure {
 /// method needs.
 ///
 /// Its unknowns are the points and components of one interface after the other. For Newton's method every column is
-/// a sample of its own, and all sides are on this rank: see suits().
+/// a sample of its own: see suits(). On several ranks it is that of the interfaces of one.
 class InterfaceSystem {
  public:
-  /// Whether there is such a system, and whether it is of use: some law is nonlinear.
+  /// Whether there is such a system, and whether it is of use: some law is nonlinear. Collective.
   [[nodiscard]] static bool suits(const Laws& laws);
 
   explicit InterfaceSystem(Laws laws);

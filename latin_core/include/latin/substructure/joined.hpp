@@ -35,6 +35,10 @@ class Joined {
   /// With the factors that laws give to the stiffness of bodies in all their columns; of a chaos, with those of the
   /// means.
   explicit Joined(const Laws& laws) : Joined(laws.structure(), &laws) {}
+  /// Rows and interfaces alone, without what the bodies are: their matrices are empty.
+  [[nodiscard]] static Joined numbered(const Structure& structure) {
+    return {structure, nullptr, false};
+  }
 
   [[nodiscard]] Index rows() const { return weights_.size(); }
   [[nodiscard]] Index active() const { return first_active_.back(); }
@@ -46,6 +50,8 @@ class Joined {
   /// The first of this rank's bodies and rows.
   [[nodiscard]] Index first_body() const { return first_body_; }
   [[nodiscard]] Index first_row() const { return first_row_; }
+  /// First unknown here of every interface of this rank.
+  [[nodiscard]] const std::vector<Index>& first_unknowns() const { return first_unknowns_; }
   /// Areas W and search directions k, (rows).
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return directions_; }
@@ -56,12 +62,17 @@ class Joined {
   [[nodiscard]] Matrix of_active(ConstMatrixRef own) const;
   /// Tables of this rank's interface unknowns (own unknowns, c) into that of all, (unknowns, c).
   [[nodiscard]] Matrix of_unknowns(const Matrix& own) const;
+  /// And back: those of this rank, of tables of all. Not collective.
+  [[nodiscard]] Matrix own_rows(ConstMatrixRef all) const {
+    return all.middleRows(first_row_, structure_.rows());
+  }
+  [[nodiscard]] Matrix own_unknowns(ConstMatrixRef all) const;
   /// The most components that an interface has.
   [[nodiscard]] Index most_components() const { return most_components_; }
 
  private:
-  Joined(const Structure& structure, const Laws* laws);
-  void take_own(const Laws* laws);
+  Joined(const Structure& structure, const Laws* laws, bool bodies = true);
+  void take_own(const Laws* laws, bool matrices);
   void number_interfaces();
   void exchange();
   [[nodiscard]] std::vector<double> packed() const;
@@ -79,6 +90,7 @@ class Joined {
   Vector directions_;
   /// Interfaces of this rank that it speaks for: with their first side here.
   std::vector<std::size_t> spoken_for_;
+  std::vector<Index> first_unknowns_;
   // of every rank
   std::vector<Index> rows_of_ranks_;
   std::vector<Index> active_of_ranks_;

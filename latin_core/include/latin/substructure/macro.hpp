@@ -1,16 +1,19 @@
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "latin/algebra/factor.hpp"
+#include "latin/common/communicator.hpp"
 #include "latin/substructure/body.hpp"
 
 namespace latin::substructure {
 
 /// An interface in the coarse problem.
 struct MacroInterface {
-  std::vector<Index> rows;  ///< first row of each of its sides in the stacked blocks
+  std::string name;
+  std::vector<Index> rows;  ///< first row of each of its sides in the stacked blocks; -1: on another rank
   Matrix basis;             ///< Z (rows of a side, moments): displacements that both sides share
 };
 
@@ -26,19 +29,28 @@ struct MacroInterface {
 /// where lambda vanishes. So the answer is the same, but a load reaches all substructures within one iteration
 /// instead of one more substructure per iteration. The matrix is that of the structure with every body reduced
 /// to its moments and held by the springs k; it is sparse and factorised once.
+///
+/// On several ranks the moments are those of all interfaces, numbered alike on all ranks, and every rank has the
+/// factor: a correction takes one sum over the ranks, of the imbalance.
 class Macro {
  public:
+  /// Collective.
   /// @param first_rows of the bodies in the stacked blocks
+  /// @param interfaces that touch bodies of this rank; one between two ranks is given on both, with the same basis
   /// @throws NumericalError if a coarse motion costs no energy: nothing holds the structure
   Macro(const std::vector<Body>& bodies, const std::vector<Index>& first_rows,
-        const std::vector<MacroInterface>& interfaces);
+        const std::vector<MacroInterface>& interfaces, const Communicator& communicator = {});
 
+  /// Moments of all ranks.
   [[nodiscard]] Index size() const { return size_; }
-  /// Balance the forces.
+  /// What the bodies of this rank add to the imbalance of the moments, (size, c).
   /// @param forces f (rows, c), less what a boundary interface has to carry
+  [[nodiscard]] Matrix imbalance(ConstMatrixRef forces) const;
+  /// Balance the forces.
+  /// @param imbalance of all ranks
   /// @param data   s (rows, c), corrected  @param traces w (rows, c), corrected
   /// @return what was added to the data (rows, c)
-  [[nodiscard]] Matrix correct(ConstMatrixRef forces, MatrixRef data, MatrixRef traces) const;
+  [[nodiscard]] Matrix correct(const Matrix& imbalance, MatrixRef data, MatrixRef traces) const;
 
  private:
   struct Part {
@@ -48,6 +60,10 @@ class Macro {
     Matrix data;                 ///< k Z
     Matrix traces;               ///< A k Z
   };
+
+  [[nodiscard]] std::vector<Index> number(const std::vector<MacroInterface>& interfaces,
+                                          const Communicator& communicator);
+  void factorise(const std::vector<std::vector<double>>& entries);
 
   Index size_ = 0;
   std::vector<Part> parts_;

@@ -1,16 +1,27 @@
 #pragma once
 
 #include <array>
+#include <string>
+#include <vector>
 
 #include "latin/substructure/body.hpp"
 
 namespace latin::substructure {
 
-/// One side of an interface on its body.
+/// One side of an interface: what its body is to the other one. A rank may tell it to another.
 struct PairSide {
-  const Body* body;
-  Index row_in_body;  ///< first row of the side among those of the body
-  Index row;          ///< and in the stacked blocks
+  Vector direction;   ///< k of the rows
+  SparseRows trace;   ///< (rows, unknowns that the side touches)
+  Matrix held;        ///< the body on these unknowns, with the springs k of its other sides
+  std::string body;   ///< its name
+
+  PairSide() = default;
+  /// @param row_in_body first row of the side among those of the body
+  PairSide(const Body& body, Index row_in_body, const Vector& weights);
+
+  /// As numbers, and back. @param name of the body
+  [[nodiscard]] std::vector<double> packed() const;
+  static PairSide unpacked(const std::vector<double>& numbers, Index rows, std::string name);
 };
 
 /// Matrix search directions of a linear interface: its residual is solved for with both of its bodies.
@@ -26,20 +37,15 @@ struct PairSide {
 class Pair {
  public:
   /// @param stiffness kappa of the law (rows) force / length^3; infinite: perfect
-  Pair(const std::array<PairSide, 2>& sides, const Vector& weights, const Vector& stiffness);
+  Pair(std::array<PairSide, 2> sides, const Vector& weights, const Vector& stiffness);
 
-  /// Replace the residual (all rows, c) of this interface by the step that makes it vanish.
-  void apply(MatrixRef residual) const;
+  /// Replace the residuals of both sides (rows, c) by the steps that make them vanish.
+  void apply(MatrixRef first, MatrixRef second) const;
   /// kappa that it was made with.
   [[nodiscard]] const Vector& stiffness() const { return of_law_; }
 
  private:
-  struct Side {
-    Index row;
-    Vector direction;
-    SparseRows trace;  ///< (rows, unknowns that the side touches)
-  };
-  std::array<Side, 2> sides_;
+  std::array<PairSide, 2> sides_;
   Vector weights_;
   Vector of_law_;
   Vector stiffness_;  ///< of the law, softened where that is perfect

@@ -12,6 +12,7 @@
 #include "latin/substructure/description.hpp"
 #include "latin/substructure/flexibility.hpp"
 #include "latin/substructure/macro.hpp"
+#include "latin/substructure/pair.hpp"
 
 namespace latin::substructure {
 
@@ -24,6 +25,8 @@ struct ActiveInterface {
   Index first_unknown = 0;  ///< among the points and components of all interfaces
   Matrix basis;             ///< of the coarse problem; empty: not in it
   bool paired = false;
+  /// What the side on another rank is to a pair; null: there is none.
+  std::shared_ptr<const PairSide> beyond;
   /// The side on another rank; rank -1: none.
   struct Away {
     std::size_t side = 0;
@@ -102,6 +105,8 @@ class Structure {
   [[nodiscard]] const std::vector<std::size_t>& shared_interfaces() const { return shared_; }
   /// All interfaces as one: the points and components ("unknowns") of one after the other.
   [[nodiscard]] Index interface_unknowns() const { return interface_unknowns_; }
+  /// Those of all ranks, each interface once.
+  [[nodiscard]] Index total_unknowns() const { return total_unknowns_; }
 
   /// Weights and search directions k of all rows.
   [[nodiscard]] const Vector& weights() const { return weights_; }
@@ -119,14 +124,18 @@ class Structure {
     return whole.rows() == 0 ? of_sides : of_sides + (whole * traces).squaredNorm();
   }
 
-  /// Number of coarse unknowns; 0: the global stage is not followed by a coarse problem.
-  [[nodiscard]] Index macro_size() const;
-  /// The coarse problem, factorised when first asked for.
+  /// Whether some interface is paired, on any rank.
+  [[nodiscard]] bool pairs() const { return pairs_; }
+  /// A side of a paired interface that is on this rank.
+  [[nodiscard]] PairSide pair_side(const ActiveInterface& interface, std::size_t side) const;
+  /// Number of coarse unknowns of all ranks; 0: the global stage is not followed by a coarse problem.
+  [[nodiscard]] Index macro_size() const { return macro_size_; }
+  /// The coarse problem, factorised when first asked for, which is collective.
   [[nodiscard]] const Macro& macro() const;
-  /// Whether flexibility() can be made: every body with sides is condensed, there is one rank, and its matrix keeps
-  /// to the memory limit of dense blocks.
+  /// Whether flexibility() can be made: every body with sides is condensed, and its matrix keeps to the memory limit of
+  /// dense blocks. Collective.
   [[nodiscard]] bool has_flexibility() const;
-  /// Dense flexibility of the interfaces, made when first asked for.
+  /// Dense flexibility of the interfaces, made when first asked for, which is collective.
   [[nodiscard]] const Flexibility& flexibility() const;
 
  private:
@@ -150,6 +159,8 @@ class Structure {
                      const std::vector<std::vector<Matrix>>& motions);
   [[nodiscard]] Matrix motion_of(std::size_t body, const Matrix& on_sides) const;
   void connect();
+  void share_bases();
+  void share_pairs();
   void find_components(const std::vector<std::string>& joined);
   void check_neighbours() const;
 
@@ -171,6 +182,9 @@ class Structure {
   Work work_;
   Index loads_ = 0;
   Index interface_unknowns_ = 0;
+  Index macro_size_ = 0;
+  Index total_unknowns_ = 0;
+  bool pairs_ = false;
   double memory_limit_;  ///< bytes of a dense block; 0: none
   Lazy<Macro> macro_;
   Lazy<Flexibility> flexibility_;
