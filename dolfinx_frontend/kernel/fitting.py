@@ -1,0 +1,123 @@
+"""A solver without a factor of the parts: the basis of its bodies grows until one run of its laws is answered."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+from latin_core import Laws, NumericalError, State
+
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.solver import Solver
+from dolfinx_frontend.kernel.subspace import Bodies, Subspace
+from dolfinx_frontend.plan.plan import Plan
+
+__all__ = ["SHARE", "fitted"]
+
+_log = logging.getLogger(__name__)
+
+SHARE = 0.5
+"""Of the tolerance for what the basis leaves; the iteration has the rest."""
+
+ROUNDS = 100
+"""Blocks of fields at most."""
+
+IDLE = 12
+"""Rounds without progress after which there will be none."""
+
+NEGLIGIBLE = 0.05
+"""Share of the squared residual that one round may leave to later ones."""
+
+FAINT = 1e-9
+"""A fluctuation that is so small beside the mean is measured with it."""
+
+
+def fitted(
+    problem: Problem, plan: Plan, applied: Callable[[Laws], Laws], amplitudes: Array, means: int
+) -> tuple[Solver, list[State]]:
+    """A solver in whose basis a run is answered to a share of its tolerance, and the answer to start from.
+
+    Parameters
+    ----------
+    plan
+        With ``backend="multigrid"``.
+    applied
+        The laws of the run, of those of the plan.
+    amplitudes
+        (load patterns, columns).
+    means
+        Columns that are means; the others are fluctuations, with an error of their own.
+
+    Raises
+    ------
+    SceneError
+        A law is nonlinear, a stiffness of a part varies, or there are several ranks.
+    NumericalError
+        The cycles do not converge.
+    """
+    problem.on_one_rank("backend 'multigrid'")
+    for name in plan.active:
+        if not problem.interfaces[name].law.superposes:
+            raise SceneError(
+                f"interface {name!r}: its law is nonlinear, and backend 'multigrid' is for linear ones: use "
+                "backend='cholmod'"
+            )
+    began = perf_counter()
+    described = bridge.describe(problem, plan)
+    bodies = Bodies(problem, described.bodies, described.interfaces)
+    space = Subspace.of(bodies)
+    _log.info("multigrid of %d unknowns (%s), %.2f s", bodies.size, bodies.multigrid.kind, perf_counter() - began)
+    goal, left, best = SHARE * plan.options.rtol, 0.1, np.inf
+    start: list[State] = []
+    idle = 0
+    for number in range(ROUNDS):
+        solver = Solver(problem, plan, space=space, described=described)
+        laws = applied(solver.laws)
+        loose = plan.options.with_(rtol=float(np.clip(0.1 * left, 0.2 * goal, 0.01)))
+        summary, state = solver.run(laws, loose, amplitudes, start, progress=False)
+        residual, energies = solver.residual(laws, state, amplitudes)
+        left, fields = _corrections(space, residual, energies, means)
+        _log.info("multigrid round %d: %d fields, error %s", number, space.count, shown_error(left))
+        solver.left, start = left, [state]
+        if left <= goal:
+            return solver, start
+        if summary.status in ("interrupted", "diverged") or not np.isfinite(left):
+            return solver, start
+        idle = 0 if left < best else idle + 1
+        best = min(best, left)
+        if idle == IDLE:
+            break
+        space = space.with_fields(fields)
+    raise NumericalError(
+        f"backend 'multigrid' ended at an error of {best:.1e}, asked {goal:.1e}: use backend='cholmod', or "
+        "other settings of PETSc with the prefix latin_body_"
+    )
+
+
+def _corrections(space: Subspace, residual: Array, energies: Array, means: int) -> tuple[float, Array]:
+    """The estimated relative error of an answer, and fields (n, few) that take most of it away."""
+    bodies = space.bodies
+    groups = [slice(0, means), slice(means, len(energies))]
+    sizes = np.array([energies[group].sum() for group in groups])
+    sizes = np.maximum(sizes, FAINT**2 * sizes.max())
+    if not sizes.max() > 0.0:  # nothing acts
+        sizes[:] = 1.0
+    for group, size in zip(groups, sizes, strict=True):
+        residual[:, group] /= np.sqrt(size)
+    gram = residual.T @ (residual / bodies.diagonal[:, None])
+    values, vectors = np.linalg.eigh(gram)
+    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    rest = values.sum() - np.cumsum(values)
+    count = 1 + int(np.argmax(rest <= NEGLIGIBLE * values.sum()))
+    chosen = vectors[:, :count]
+    forces = residual @ chosen
+    fields = bodies.multigrid.cycle(forces)
+    energy = chosen @ (forces.T @ fields) @ chosen.T
+    squares = np.diag(energy) * (values.sum() / max(values[:count].sum(), np.finfo(float).tiny))
+    return float(np.sqrt(max(abs(squares[group].sum()) for group in groups))), fields

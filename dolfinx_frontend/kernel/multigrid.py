@@ -1,0 +1,275 @@
+"""Multigrid for the bodies of a plan: an approximate inverse that needs no factor of their matrix.
+
+Two levels where the shape functions are of a higher degree: the linear ones on the same mesh, an eighth of the
+unknowns of quadratic ones in 3D, are factorised, and the rest is left to Chebyshev polynomials of the matrix.  Where
+they are linear already, or where the coarse level is large, PETSc's GAMG is told the rigid motions.
+
+PETSc options with the prefix ``latin_body_`` replace any of it (``-latin_body_pc_type gamg``, ``-latin_body_mg_levels_ksp_max_it 2``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from petsc4py import PETSc as _PETSc
+
+from dolfinx_frontend.assembly.elements import petsc_matrix
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.rigid import rigid_modes
+from dolfinx_frontend.assembly.vertices import vertices_of
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError
+
+__all__ = ["PREFIX", "Coarse", "Multigrid", "linear_shapes", "multiplied", "rigid_motions"]
+
+PETSc: Any = _PETSc  # its stubs know no members
+
+PREFIX = "latin_body_"
+
+COARSE = 400_000
+"""Unknowns up to which the coarse level is factorised; of more, multigrid goes on by aggregation."""
+
+_SMOOTHER = {"ksp_type": "chebyshev", "ksp_max_it": 3, "pc_type": "jacobi"}
+_GAMG: dict[str, Any] = {"pc_type": "gamg", "pc_gamg_threshold": 0.01}
+
+
+class Coarse(NamedTuple):
+    """A coarse level.
+
+    Attributes
+    ----------
+    prolongation
+        (n, c) from its unknowns.
+    owners
+        (c,) the unknown that each of them is on the fine level.
+    """
+
+    prolongation: sp.csr_matrix
+    owners: Ints
+
+
+class Multigrid:
+    """One cycle for a symmetric positive definite matrix.
+
+    Parameters
+    ----------
+    matrix
+        PETSc AIJ matrix (n, n).
+    coarse
+        The linear shape functions; None: there are no others.
+    rigid
+        (n, r) rigid motions.
+    """
+
+    def __init__(self, matrix: Any, coarse: Coarse | None, rigid: Array) -> None:
+        self.matrix = matrix
+        pc = PETSc.PC().create(PETSc.COMM_SELF)
+        pc.setOptionsPrefix(PREFIX)
+        pc.setOperators(matrix)
+        defaults: dict[str, Any] = {}
+        if coarse is None:
+            _tell_rigid_motions(matrix, rigid)
+            defaults |= _GAMG | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()}
+            self.kind = "aggregation"
+        else:
+            prolongation = petsc_matrix(coarse.prolongation)
+            below = matrix.PtAP(prolongation)
+            below.setOption(PETSc.Mat.Option.SPD, True)
+            pc.setType(PETSc.PC.Type.MG)
+            pc.setMGLevels(2)
+            pc.setMGInterpolation(1, prolongation)
+            pc.getMGCoarseSolve().setOperators(below)
+            defaults |= {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()}
+            defaults["mg_coarse_ksp_type"] = "preonly"
+            if below.getSize()[0] <= COARSE:
+                defaults["mg_coarse_pc_type"] = "cholesky"
+                self.kind = "linear shape functions, factorised"
+            else:
+                _tell_rigid_motions(below, rigid[coarse.owners])
+                defaults |= {f"mg_coarse_{key}": value for key, value in _GAMG.items()}
+                for key, value in _SMOOTHER.items():
+                    defaults[f"mg_coarse_mg_levels_{key}"] = value
+                self.kind = "linear shape functions, aggregation"
+        _set_up(pc, defaults)
+        self.pc = pc
+        self._left, self._right = matrix.createVecs()
+        self._levels: _Levels | None = None
+        if coarse is not None and not _asked():
+            self._levels = _Levels(matrix, prolongation, pc.getMGCoarseSolve())
+
+    def cycle(self, block: Array) -> Array:
+        """Approximate solutions (n, c) of a block of right-hand sides (n, c)."""
+        if self._levels is not None:
+            return self._levels.cycle(block)
+        out = np.empty(block.shape, order="F")
+        for column in range(block.shape[1]):
+            self._right.setArray(block[:, column])
+            self.pc.apply(self._right, self._left)
+            out[:, column] = self._left.getArray()
+        return out
+
+
+def _asked() -> bool:
+    """Whether the user gave PETSc options for this multigrid."""
+    return any(name.startswith(PREFIX) for name in PETSc.Options().getAll())
+
+
+class _Levels:
+    """The two levels on blocks of columns: a matrix is read once for all of them.
+
+    PETSc's own cycle takes one column after the other; this one makes the same steps: Chebyshev polynomials of the
+    Jacobi iteration on the upper nine tenths of its spectrum.
+    """
+
+    def __init__(self, matrix: Any, prolongation: Any, below: Any) -> None:
+        self.matrix, self.below = matrix, below
+        self.up, self.down = prolongation, prolongation.transpose(PETSc.Mat())
+        self.inverse = 1.0 / np.array(matrix.getDiagonal().getArray())[:, None]
+        largest = 1.1 * self._largest()
+        least = largest / 11.0
+        self.middle, self.half = 0.5 * (largest + least), 0.5 * (largest - least)
+        self.coarse_x, self.coarse_b = below.getOperators()[0].createVecs()
+
+    def _largest(self) -> float:
+        """Largest eigenvalue of D^-1 A, by a few steps of Lanczos' method."""
+        root = np.sqrt(self.inverse)
+        q = np.random.default_rng(0).standard_normal((len(root), 1))
+        q, before, beta = q / np.linalg.norm(q), np.zeros_like(q), 0.0
+        alphas, betas = [], []
+        for _ in range(12):
+            z = root * multiplied(self.matrix, np.asfortranarray(root * q)) - beta * before
+            alphas.append(float(q[:, 0] @ z[:, 0]))
+            z -= alphas[-1] * q
+            beta = float(np.linalg.norm(z))
+            if beta <= 1e-12:
+                break
+            betas.append(beta)
+            before, q = q, z / beta
+        off = betas[: len(alphas) - 1]
+        return float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(off, 1) + np.diag(off, -1))[-1])
+
+    def _smooth(self, x: Array | None, left: Array, last: bool) -> tuple[Array, Array]:
+        """Three steps from x (None: 0) with the residual `left`, which is overwritten and right unless `last`."""
+        sigma = self.middle / self.half
+        rho = 1.0 / sigma
+        step = np.asfortranarray(self.inverse * left / self.middle)
+        x = step.copy(order="F") if x is None else x + step
+        for number in range(1, _SMOOTHER["ksp_max_it"] + 1):
+            if number == _SMOOTHER["ksp_max_it"] and last:
+                break
+            left -= multiplied(self.matrix, step)
+            if number == _SMOOTHER["ksp_max_it"]:
+                break
+            again = 1.0 / (2.0 * sigma - rho)
+            step *= again * rho
+            step += (2.0 * again / self.half) * (self.inverse * left)
+            x += step
+            rho = again
+        return x, left
+
+    def cycle(self, block: Array) -> Array:
+        """As :meth:`Multigrid.cycle`."""
+        x, left = self._smooth(None, np.array(block, order="F"), last=False)
+        on_coarse = multiplied(self.down, left)
+        for column in range(block.shape[1]):
+            self.coarse_b.setArray(on_coarse[:, column])
+            self.below.solve(self.coarse_b, self.coarse_x)
+            on_coarse[:, column] = self.coarse_x.getArray()
+        change = multiplied(self.up, on_coarse)
+        left -= multiplied(self.matrix, change)
+        return self._smooth(x + change, left, last=True)[0]
+
+
+def multiplied(matrix: Any, block: Array) -> Array:
+    """A PETSc matrix (m, n) times a block of columns (n, c)."""
+    out = np.empty((matrix.getSize()[0], block.shape[1]), order="F")
+    left, right = _dense(out), _dense(np.asfortranarray(block))
+    matrix.matMult(right, left)
+    left.destroy()
+    right.destroy()
+    return out
+
+
+def _dense(block: Array) -> Any:
+    return PETSc.Mat().createDense(block.shape, array=block, comm=PETSc.COMM_SELF)
+
+
+def _tell_rigid_motions(matrix: Any, rigid: Array) -> None:
+    basis = np.linalg.qr(rigid)[0]
+    vectors = [PETSc.Vec().createWithArray(np.array(column), comm=PETSc.COMM_SELF) for column in basis.T]
+    matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=PETSc.COMM_SELF))
+
+
+def _set_up(pc: Any, defaults: dict[str, Any]) -> None:
+    """Set a preconditioner up with defaults that options of the user go before."""
+    options = PETSc.Options()
+    own = [key for key in defaults if not options.hasName(PREFIX + key)]
+    for key in own:
+        options[PREFIX + key] = defaults[key]
+    try:
+        pc.setFromOptions()
+        pc.setUp()
+    except PETSc.Error as err:
+        raise SceneError(
+            f"backend 'multigrid': PETSc could not set up the options -{PREFIX}...: {err}"
+        ) from err
+    finally:
+        for key in own:
+            options.delValue(PREFIX + key)
+
+
+def _averaged(prolongations: Mapping[str, sp.csr_matrix], sums: sp.csr_matrix) -> sp.csr_matrix:
+    """(Z^T Z)^-1 b: unknowns of fields from sums over the nodes that were glued into them."""
+    norms = sum(Z.T @ Z for Z in prolongations.values()).tocsr()
+    norms.eliminate_zeros()
+    if norms.nnz == norms.shape[0]:
+        return (sp.diags(1.0 / norms.diagonal()) @ sums).tocsr()
+    solve = spla.factorized(norms.tocsc())  # nodes that are tied to each other share their unknowns
+    columns = sums.tocsc()
+    return sp.hstack([sp.csc_matrix(solve(columns[:, [k]].toarray())) for k in range(columns.shape[1])], "csr")
+
+
+def rigid_motions(problem: Problem, prolongations: Mapping[str, sp.csr_matrix]) -> Array:
+    """Rigid motions (n, r) of parts together, in their unknowns.
+
+    Parameters
+    ----------
+    prolongations
+        Part -> Z (n_e, n) from the unknowns.
+    """
+    parts = [problem.substructures[name] for name in prolongations]
+    centre = np.mean([part.centre for part in parts], axis=0)
+    length = max(part.length for part in parts)
+    total: Any = 0.0
+    for part, Z in zip(parts, prolongations.values(), strict=True):
+        motions = rigid_modes(part.dof_coordinates, centre, length)
+        total = total + Z.T @ motions.reshape(-1, motions.shape[2])
+    return np.asarray(_averaged(prolongations, sp.csr_matrix(total)).toarray())
+
+
+def linear_shapes(problem: Problem, prolongations: Mapping[str, sp.csr_matrix]) -> Coarse | None:
+    """The linear shape functions of parts in their unknowns; None: a part has no others."""
+    size = next(iter(prolongations.values())).shape[1]
+    at_vertex = np.zeros(size, dtype=bool)
+    found = []
+    for name, Z in prolongations.items():
+        part = problem.substructures[name]
+        vertices = vertices_of(part)
+        if vertices is None:
+            return None
+        at = (part.dim * vertices.nodes[:, None] + np.arange(part.dim)).ravel()
+        on_vertices = Z[at]
+        at_vertex[on_vertices.indices] = True
+        found.append((Z, sp.kron(vertices.weights, sp.eye(part.dim), format="csr"), on_vertices))
+    owners = np.flatnonzero(at_vertex)
+    total = sp.csr_matrix((size, len(owners)))
+    for Z, weights, on_vertices in found:
+        total = total + Z.T @ (weights @ on_vertices[:, owners])
+    prolongation = _averaged(prolongations, total)
+    prolongation.data[np.abs(prolongation.data) < 1e-12] = 0.0
+    prolongation.eliminate_zeros()
+    return Coarse(prolongation, owners)
