@@ -67,44 +67,56 @@ class Multigrid:
 
     def __init__(self, matrix: Any, coarse: Coarse | None, rigid: Array) -> None:
         self.matrix = matrix
-        pc = PETSc.PC().create(PETSc.COMM_SELF)
-        pc.setOptionsPrefix(PREFIX)
-        pc.setOperators(matrix)
-        defaults: dict[str, Any] = {}
-        if coarse is None:
-            _tell_rigid_motions(matrix, rigid)
-            defaults |= _GAMG | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()}
-            self.kind = "aggregation"
-        else:
-            prolongation = petsc_matrix(coarse.prolongation)
-            below = matrix.PtAP(prolongation)
-            below.setOption(PETSc.Mat.Option.SPD, True)
-            pc.setType(PETSc.PC.Type.MG)
-            pc.setMGLevels(2)
-            pc.setMGInterpolation(1, prolongation)
-            pc.getMGCoarseSolve().setOperators(below)
-            defaults |= {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()}
-            defaults["mg_coarse_ksp_type"] = "preonly"
-            if below.getSize()[0] <= COARSE:
-                defaults["mg_coarse_pc_type"] = "cholesky"
-                self.kind = "linear shape functions, factorised"
-            else:
-                _tell_rigid_motions(below, rigid[coarse.owners])
-                defaults |= {f"mg_coarse_{key}": value for key, value in _GAMG.items()}
-                for key, value in _SMOOTHER.items():
-                    defaults[f"mg_coarse_mg_levels_{key}"] = value
-                self.kind = "linear shape functions, aggregation"
-        _set_up(pc, defaults)
-        self.pc = pc
-        self._left, self._right = matrix.createVecs()
         self._levels: _Levels | None = None
-        if coarse is not None and not _asked():
-            self._levels = _Levels(matrix, prolongation, pc.getMGCoarseSolve())
+        if coarse is None:
+            self.kind = "aggregation"
+            _tell_rigid_motions(matrix, rigid)
+            self.pc = PETSc.PC().create(PETSc.COMM_SELF)
+            self.pc.setOptionsPrefix(PREFIX)
+            self.pc.setOperators(matrix)
+            _set_up(self.pc, PREFIX, _GAMG | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()})
+        else:
+            self._two_levels(coarse, rigid)
+        self._left, self._right = matrix.createVecs()
+
+    def _two_levels(self, coarse: Coarse, rigid: Array) -> None:
+        """The linear shape functions below; PETSc's own cycle where the user gave options for it."""
+        prolongation = petsc_matrix(coarse.prolongation)
+        below = self.matrix.PtAP(prolongation)
+        below.setOption(PETSc.Mat.Option.SPD, True)
+        defaults: dict[str, Any] = {"ksp_type": "preonly"}
+        if below.getSize()[0] <= COARSE:
+            self.kind = "linear shape functions, factorised"
+            packages = {"suitesparse": "cholmod", "mumps": "mumps"}
+            there = [name for package, name in packages.items() if PETSc.Sys.hasExternalPackage(package)]
+            defaults |= {"pc_type": "cholesky", "pc_factor_mat_solver_type": (there or ["petsc"])[0]}
+        else:
+            self.kind = "linear shape functions, aggregation"
+            _tell_rigid_motions(below, rigid[coarse.owners])
+            defaults |= _GAMG | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()}
+        self.pc = None
+        if not _asked():
+            ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+            ksp.setOptionsPrefix(f"{PREFIX}mg_coarse_")
+            ksp.setOperators(below)
+            _set_up(ksp, f"{PREFIX}mg_coarse_", defaults)
+            self._levels = _Levels(self.matrix, prolongation, ksp)
+            return
+        self.pc = PETSc.PC().create(PETSc.COMM_SELF)
+        self.pc.setOptionsPrefix(PREFIX)
+        self.pc.setOperators(self.matrix)
+        self.pc.setType(PETSc.PC.Type.MG)
+        self.pc.setMGLevels(2)
+        self.pc.setMGInterpolation(1, prolongation)
+        self.pc.getMGCoarseSolve().setOperators(below)
+        of_levels = {f"mg_coarse_{key}": value for key, value in defaults.items()}
+        _set_up(self.pc, PREFIX, of_levels | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()})
 
     def cycle(self, block: Array) -> Array:
         """Approximate solutions (n, c) of a block of right-hand sides (n, c)."""
         if self._levels is not None:
             return self._levels.cycle(block)
+        assert self.pc is not None
         out = np.empty(block.shape, order="F")
         for column in range(block.shape[1]):
             self._right.setArray(block[:, column])
@@ -204,22 +216,22 @@ def _tell_rigid_motions(matrix: Any, rigid: Array) -> None:
     matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=PETSc.COMM_SELF))
 
 
-def _set_up(pc: Any, defaults: dict[str, Any]) -> None:
-    """Set a preconditioner up with defaults that options of the user go before."""
+def _set_up(solver: Any, prefix: str, defaults: dict[str, Any]) -> None:
+    """Set a PETSc solver up with defaults that options of the user go before."""
     options = PETSc.Options()
-    own = [key for key in defaults if not options.hasName(PREFIX + key)]
+    own = [prefix + key for key in defaults if not options.hasName(prefix + key)]
     for key in own:
-        options[PREFIX + key] = defaults[key]
+        options[key] = defaults[key.removeprefix(prefix)]
     try:
-        pc.setFromOptions()
-        pc.setUp()
+        solver.setFromOptions()
+        solver.setUp()
     except PETSc.Error as err:
         raise SceneError(
-            f"backend 'multigrid': PETSc could not set up the options -{PREFIX}...: {err}"
+            f"backend 'multigrid': PETSc could not set up what -{prefix}... says: {err}"
         ) from err
     finally:
         for key in own:
-            options.delValue(PREFIX + key)
+            options.delValue(key)
 
 
 def _averaged(prolongations: Mapping[str, sp.csr_matrix], sums: sp.csr_matrix) -> sp.csr_matrix:
