@@ -108,6 +108,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "ranks",
         "substructure",
         "stretch",
+        "vertices",
         "places",
         "part_loads",
         "remote",

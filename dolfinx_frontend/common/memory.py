@@ -21,7 +21,8 @@ def _kilobytes(file: Path, key: str) -> float | None:
 
 
 def available_memory() -> float:
-    """Bytes: what is free on the machine, or left of the limit of the process (``ulimit -v``); inf: not known."""
+    """Bytes: what is free on the machine, or left of the limit of the process (``ulimit -v``); inf: not
+    known."""
     free = _kilobytes(_MEMINFO, "MemAvailable")
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     left = float("inf")

@@ -374,8 +374,8 @@ def build(
 ) -> Built:
     """Bodies and active interfaces of a plan, factorised: all that does not depend on :func:`laws`.
 
-    Bodies that `before` has, but for their interfaces, keep their factors. `described` is what the kernel is given
-    instead of what :func:`describe` says: the same bodies in other unknowns.
+    Bodies that `before` has, but for their interfaces, keep their factors. `described` is what the kernel is
+    given instead of what :func:`describe` says: the same bodies in other unknowns.
 
     Raises
     ------
@@ -386,9 +386,10 @@ def build(
     corrected = plan.method == "direct" and described is None
     bodies, interfaces = [], []
     options = plan.options
+    backend = options.backend
     if described is not None:
-        options = options.with_(backend="automatic")
-    elif options.backend == "multigrid":
+        backend = "automatic"
+    elif backend == "multigrid":
         raise SceneError(
             "backend 'multigrid' solves one linear run (a solution, a history, a chaos): sweeps, samples and "
             "nonlinear laws need a factor of the parts, backend='cholmod'"
@@ -408,7 +409,7 @@ def build(
         bodies=bodies,
         interfaces=interfaces,
         operator=options.operator,
-        backend=options.backend,
+        backend=backend,
         memory_limit=options.memory_limit,
         comm=None if comm is None else comm.py2f(),
         before=before,

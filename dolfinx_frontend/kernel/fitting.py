@@ -1,4 +1,5 @@
-"""A solver without a factor of the parts: the basis of its bodies grows until one run of its laws is answered."""
+"""A solver without a factor of the parts: the basis of its bodies grows until one run of its laws is
+answered."""
 
 from __future__ import annotations
 
@@ -72,7 +73,8 @@ def fitted(
     described = bridge.describe(problem, plan)
     bodies = Bodies(problem, described.bodies, described.interfaces)
     space = Subspace.of(bodies)
-    _log.info("multigrid of %d unknowns (%s), %.2f s", bodies.size, bodies.multigrid.kind, perf_counter() - began)
+    text = "multigrid of %d unknowns (%s), %.2f s"
+    _log.info(text, bodies.size, bodies.multigrid.kind, perf_counter() - began)
     goal, left, best = SHARE * plan.options.rtol, 0.1, np.inf
     start: list[State] = []
     idle = 0

@@ -1,10 +1,12 @@
 """Multigrid for the bodies of a plan: an approximate inverse that needs no factor of their matrix.
 
-Two levels where the shape functions are of a higher degree: the linear ones on the same mesh, an eighth of the
-unknowns of quadratic ones in 3D, are factorised, and the rest is left to Chebyshev polynomials of the matrix.  Where
-they are linear already, or where the coarse level is large, PETSc's GAMG is told the rigid motions.
+Two levels where the shape functions are of a higher degree: the linear ones on the same mesh, an eighth of
+the unknowns of quadratic ones in 3D, are factorised, and the rest is left to Chebyshev polynomials of the
+matrix.  Where they are linear already, or where the coarse level is large, PETSc's GAMG is told the rigid
+motions.
 
-PETSc options with the prefix ``latin_body_`` replace any of it (``-latin_body_pc_type gamg``, ``-latin_body_mg_levels_ksp_max_it 2``).
+PETSc options with the prefix ``latin_body_`` replace any of it (``-latin_body_pc_type gamg``,
+``-latin_body_mg_levels_ksp_max_it 2``).
 """
 
 from __future__ import annotations
@@ -33,7 +35,10 @@ PREFIX = "latin_body_"
 COARSE = 400_000
 """Unknowns up to which the coarse level is factorised; of more, multigrid goes on by aggregation."""
 
-_SMOOTHER = {"ksp_type": "chebyshev", "ksp_max_it": 3, "pc_type": "jacobi"}
+_STEPS = 3
+"""Of the smoother, before and after the coarse level."""
+
+_SMOOTHER: dict[str, Any] = {"ksp_type": "chebyshev", "ksp_max_it": _STEPS, "pc_type": "jacobi"}
 _GAMG: dict[str, Any] = {"pc_type": "gamg", "pc_gamg_threshold": 0.01}
 
 
@@ -133,8 +138,8 @@ def _asked() -> bool:
 class _Levels:
     """The two levels on blocks of columns: a matrix is read once for all of them.
 
-    PETSc's own cycle takes one column after the other; this one makes the same steps: Chebyshev polynomials of the
-    Jacobi iteration on the upper nine tenths of its spectrum.
+    PETSc's own cycle takes one column after the other; this one makes the same steps: Chebyshev polynomials
+    of the Jacobi iteration on the upper nine tenths of its spectrum.
     """
 
     def __init__(self, matrix: Any, prolongation: Any, below: Any) -> None:
@@ -148,9 +153,11 @@ class _Levels:
 
     def _largest(self) -> float:
         """Largest eigenvalue of D^-1 A, by a few steps of Lanczos' method."""
-        root = np.sqrt(self.inverse)
-        q = np.random.default_rng(0).standard_normal((len(root), 1))
-        q, before, beta = q / np.linalg.norm(q), np.zeros_like(q), 0.0
+        root: Array = np.sqrt(self.inverse)
+        q: Array = np.random.default_rng(0).standard_normal((len(root), 1))
+        q /= np.linalg.norm(q)
+        before: Array = np.zeros_like(q)
+        beta = 0.0
         alphas, betas = [], []
         for _ in range(12):
             z = root * multiplied(self.matrix, np.asfortranarray(root * q)) - beta * before
@@ -165,16 +172,17 @@ class _Levels:
         return float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(off, 1) + np.diag(off, -1))[-1])
 
     def _smooth(self, x: Array | None, left: Array, last: bool) -> tuple[Array, Array]:
-        """Three steps from x (None: 0) with the residual `left`, which is overwritten and right unless `last`."""
+        """Three steps from x (None: 0) with the residual `left`, which is overwritten and right unless
+        `last`."""
         sigma = self.middle / self.half
         rho = 1.0 / sigma
         step = np.asfortranarray(self.inverse * left / self.middle)
         x = step.copy(order="F") if x is None else x + step
-        for number in range(1, _SMOOTHER["ksp_max_it"] + 1):
-            if number == _SMOOTHER["ksp_max_it"] and last:
+        for number in range(1, _STEPS + 1):
+            if number == _STEPS and last:
                 break
             left -= multiplied(self.matrix, step)
-            if number == _SMOOTHER["ksp_max_it"]:
+            if number == _STEPS:
                 break
             again = 1.0 / (2.0 * sigma - rho)
             step *= again * rho
@@ -242,7 +250,8 @@ def _averaged(prolongations: Mapping[str, sp.csr_matrix], sums: sp.csr_matrix) -
         return (sp.diags(1.0 / norms.diagonal()) @ sums).tocsr()
     solve = spla.factorized(norms.tocsc())  # nodes that are tied to each other share their unknowns
     columns = sums.tocsc()
-    return sp.hstack([sp.csc_matrix(solve(columns[:, [k]].toarray())) for k in range(columns.shape[1])], "csr")
+    found = (solve(columns[:, [k]].toarray()) for k in range(columns.shape[1]))
+    return sp.hstack([sp.csc_matrix(each) for each in found], "csr")
 
 
 def rigid_motions(problem: Problem, prolongations: Mapping[str, sp.csr_matrix]) -> Array:

@@ -1,15 +1,15 @@
 """Bodies that move in a few displacement fields only, which are found without a factor of their matrices.
 
-A linear answer needs far fewer displacements of a body than it has unknowns: those that its load patterns and the
-forces of its interfaces make, in all columns together. They are collected in a basis V of every body. The kernel is
-given V^T K V, V^T F and T V in place of K, F and T, and iterates as usual, on a body of some dozen unknowns. What its
-answer leaves of the equations of the body itself,
+A linear answer needs far fewer displacements of a body than it has unknowns: those that its load patterns and
+the forces of its interfaces make, in all columns together. They are collected in a basis V of every body. The
+kernel is given V^T K V, V^T F and T V in place of K, F and T, and iterates as usual, on a body of some dozen
+unknowns. What its answer leaves of the equations of the body itself,
 
     r = F + T^T W f - K V y,
 
-says how good the basis is, and one cycle of multigrid on the columns of r that matter says what to add to it: a block
-Krylov method whose projected problem, with all its laws and columns, the kernel solves. In the energy norm the answer is
-the best one in the basis.
+says how good the basis is, and one cycle of multigrid on the columns of r that matter says what to add to it:
+a block Krylov method whose projected problem, with all its laws and columns, the kernel solves. In the energy
+norm the answer is the best one in the basis.
 """
 
 from __future__ import annotations
@@ -104,7 +104,9 @@ class Bodies:
             blocks.append(self._add_body(each, slice(int(first), int(last))))
         matrix = _diagonal(blocks)
         del blocks
-        self.traces = {each["name"]: [self._trace(each, side) for side in each["sides"]] for each in interfaces}
+        self.traces = {
+            each["name"]: [self._trace(each, side) for side in each["sides"]] for each in interfaces
+        }
         self.between = [self._spring(each) for each in interfaces]
         for spring in self.between:
             matrix = matrix + spring.jump.T @ sp.diags(spring.stiffness) @ spring.jump
@@ -129,8 +131,8 @@ class Bodies:
         for member in values["members"]:
             if "of_stiffness" in member or "stretch" in member:
                 raise SceneError(
-                    f"backend 'multigrid': the stiffness of substructure {member['name']!r} varies, which its "
-                    "basis does not know: use backend 'cholmod'"
+                    f"backend 'multigrid': the stiffness of substructure {member['name']!r} varies, which "
+                    "its basis does not know: use backend 'cholmod'"
                 )
             Z, K = member["prolongation"], csr(member["stiffness"])
             load += Z.T @ member["load"]
@@ -181,7 +183,8 @@ class Bodies:
 
     # -- products ------------------------------------------------------------------------------
     def product(self, block: Array) -> Array:
-        """The matrices of the bodies, with the springs inside them and without those between, times (n, c)."""
+        """The matrices of the bodies, with the springs inside them and without those between, times (n,
+        c)."""
         out = multiplied(self.matrix, block)
         for spring in self.between:
             out -= spring.forces(block)
@@ -287,9 +290,10 @@ class Subspace:
             ]
             jump = -local[0] if len(local) == 1 else local[1] - local[0]
             stiffness -= (jump.T @ sp.diags(each["stiffness"]) @ jump).toarray()
-            springs.append({**each, "members": [0] * len(traces), "traces": [petsc_matrix(t) for t in traces]})
-        load = [member["prolongation"].T @ member["load"] for member in piece.values["members"]]
-        load = V.T @ sum(load)
+            own = {"members": [0] * len(traces), "traces": [petsc_matrix(t) for t in traces]}
+            springs.append({**each, **own})
+        on_body = [member["prolongation"].T @ member["load"] for member in piece.values["members"]]
+        load: Array = V.T @ sum(on_body)
         made: Values = {"name": name, "prolongation": None, "offset": None}
         if given:
             mixed = V.T @ piece.reaction
@@ -343,7 +347,7 @@ class Subspace:
 
 
 def _points(spring: Values) -> int:
-    return int(spring["traces"][0].getSize()[0]) // spring["frames"].shape[1]
+    return int(spring["traces"][0].getSize()[0] // spring["frames"].shape[1])
 
 
 def local_traces(spring: Values) -> list[sp.csr_matrix]:

@@ -46,7 +46,8 @@ class Cost:
     memory
         Bytes of the factors, the dense blocks, Newton's matrices and the history of the iteration.
     direct, multigrid
-        Most bytes at one time, beside the matrices of the parts, with factors and with ``backend="multigrid"``.
+        Most bytes at one time, beside the matrices of the parts: with factors, and with
+        ``backend="multigrid"``.
     """
 
     unknowns: int
@@ -211,7 +212,8 @@ def predict(
 
 
 _OPERATOR = 1e3
-"""Bytes an unknown of the matrix that is factorised, in two orders (lower triangles of some 80 entries a row)."""
+"""Bytes an unknown of the matrix that is factorised, in two orders (lower triangles of some 80 entries a
+row)."""
 _ROW = 960.0
 """Bytes a row of the whole matrix."""
 _FIELDS = 70
@@ -222,6 +224,6 @@ _COPIES = 3.2
 
 def _multigrid(problem: Problem, unknowns: int, columns: int) -> float:
     """Bytes of a solution by multigrid: its matrix, the basis and its products, and the factor below."""
-    coarse = 15.0 * (unknowns / 2.0**problem.dim) ** (4.0 / 3.0)
+    coarse = 15.0 * (unknowns / float(2**problem.dim)) ** (4.0 / 3.0)
     basis = 16.0 * _FIELDS + 8.0 * 8.0 * columns
-    return unknowns * max(_COPIES * _ROW, 1.3 * _ROW + basis) + 8.0 * coarse
+    return float(unknowns * max(_COPIES * _ROW, 1.3 * _ROW + basis) + 8.0 * coarse)

@@ -525,7 +525,8 @@ def _backend(
     """
     if options.backend == "multigrid":
         needs = f"about {shown(cost.multigrid, 'B')}; factors would need {shown(cost.direct, 'B')}"
-        return options, [Decision("bodies", "multigrid, a basis of fields for this answer", f"asked for: {needs}")]
+        choice = "multigrid, a basis of fields for this answer"
+        return options, [Decision("bodies", choice, f"asked for: {needs}")]
     free = available_memory()
     if problem.distribution is not None or cost.direct <= free:
         return options, []
@@ -543,8 +544,8 @@ def _backend(
     text += f", and {shown(free, 'B')} are free"
     if cost.direct > _SURE * free:
         raise SceneError(
-            f"plan: {text}: take a coarser mesh or a machine with more memory, or spread the parts over MPI ranks "
-            "of several machines"
+            f"plan: {text}: take a coarser mesh or a machine with more memory, or spread the parts over MPI "
+            "ranks of several machines"
         )
     return options, [Decision("memory", "factors may not fit", text)]
 

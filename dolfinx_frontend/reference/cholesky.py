@@ -117,7 +117,8 @@ def _too_large(solver: str, matrix: sp.csr_matrix) -> str:
     size = matrix.shape[0]
     needed = 8e-9 * 15.0 * size ** (4.0 / 3.0)  # as the plan predicts it
     return (
-        f"{solver} has not enough memory, or not enough digits in its indices, for the factor of {size} unknowns, "
+        f"{solver} has not enough memory, or not enough digits in its indices, for the factor of {size} "
+        "unknowns, "
         f"about {needed:.3g} GB of a part in 3D: use a coarser mesh, or Options(backend='multigrid')"
     )
 

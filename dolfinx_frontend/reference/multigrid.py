@@ -1,4 +1,5 @@
-"""Conjugate gradients with algebraic multigrid on the assembled structure: what beats a factor of many unknowns."""
+"""Conjugate gradients with algebraic multigrid on the assembled structure: what beats a factor of many
+unknowns."""
 
 from __future__ import annotations
 

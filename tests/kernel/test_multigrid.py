@@ -1,4 +1,5 @@
-"""Bodies without a factor: the same answers as with one, to the accuracy that was asked for, and plain refusals."""
+"""Bodies without a factor: the same answers as with one, to the accuracy that was asked for, and plain
+refusals."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ MULTIGRID = Options(backend="multigrid", rtol=1e-6)
 
 
 def blocks(law: Any, degree: int = 2, cell: str = "hexahedron", cells: int = 4) -> Problem:
-    """Three blocks, the last two glued, on an elastic foundation: pushed, pulled down at the end, and shortened."""
+    """Three blocks, the last two glued, on an elastic foundation: pushed, pulled down at the end, and
+    shortened."""
     scene = Scene()
     steel = LinearElastic(E=200e3, nu=0.3)
     for k in range(3):
@@ -56,7 +58,9 @@ def apart(problem: Problem, one: Any, other: Any) -> float:
 ELASTIC = Elastic(normal=5e3, tangential=2e3, jump=(0.01, 0.0, 0.0))
 
 
-@pytest.mark.parametrize(("degree", "cell"), [(2, "hexahedron"), (2, "tetrahedron"), (1, "hexahedron"), (3, "hexahedron")])
+@pytest.mark.parametrize(
+    ("degree", "cell"), [(2, "hexahedron"), (2, "tetrahedron"), (1, "hexahedron"), (3, "hexahedron")]
+)
 def test_a_direct_solution(degree: int, cell: str) -> None:
     """Loads, prescribed displacements and springs inside one body."""
     problem = blocks(ELASTIC, degree, cell, 2 if degree == 3 else 3)
@@ -78,7 +82,8 @@ def test_an_active_joint() -> None:
 
 def test_a_random_joint() -> None:
     """All coefficients of a chaos; few cycles answer them all."""
-    problem = blocks(Elastic(normal=Normal("n", 5e3, cov=0.2), tangential=Normal("t", 2e3, cov=0.1), jump=(0.01, 0, 0)))
+    normal, tangential = Normal("n", 5e3, cov=0.2), Normal("t", 2e3, cov=0.1)
+    problem = blocks(Elastic(normal=normal, tangential=tangential, jump=(0.01, 0.0, 0.0)))
     chaos = Chaos(3, check_points=0)
     exact = reference.ssfem(problem, chaos, rtol=1e-11)
     found = solve(problem, chaos=chaos, options=MULTIGRID)

@@ -67,10 +67,10 @@ class Options:
         double precision before an answer is accepted, so that every `rtol` is reached; points of a sweep
         that are tried side by side stay in double precision. ``"double"``: all in double precision.
     backend
-        What solves for the inside of the parts: ``"cholmod"`` (indices of 64 bits where those of 32 cannot count
-        the numbers of a factor; ``"cholmod64"``: at once), ``"mumps"``, ``"multigrid"`` (conjugate gradients on
-        the linear shape functions of the same mesh, without a factor of the parts; by the Python frontend, for
-        linear laws), or ``"automatic"``.
+        What solves for the inside of the parts: ``"cholmod"`` (indices of 64 bits where those of 32 cannot
+        count the numbers of a factor; ``"cholmod64"``: at once), ``"mumps"``, ``"multigrid"`` (conjugate
+        gradients on the linear shape functions of the same mesh, without a factor of the parts; by the Python
+        frontend, for linear laws), or ``"automatic"``.
     memory_limit
         Bytes that one condensed block may take before ``"automatic"`` goes sparse, and the dense
         flexibility of Newton steps before they do without; 0: no limit.
