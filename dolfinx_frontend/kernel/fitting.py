@@ -4,7 +4,7 @@ answered."""
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import perf_counter
 
 import numpy as np
@@ -26,11 +26,11 @@ _log = logging.getLogger(__name__)
 SHARE = 0.5
 """Of the tolerance for what the basis leaves; the iteration has the rest."""
 
-ROUNDS = 100
+ROUNDS = 200
 """Blocks of fields at most."""
 
-IDLE = 12
-"""Rounds without progress after which there will be none."""
+IDLE = 20
+"""Rounds that must halve the error, after as many."""
 
 NEGLIGIBLE = 0.05
 """Share of the squared residual that one round may leave to later ones."""
@@ -76,30 +76,49 @@ def fitted(
     text = "multigrid of %d unknowns (%s), %.2f s"
     _log.info(text, bodies.size, bodies.multigrid.kind, perf_counter() - began)
     goal, left, best = SHARE * plan.options.rtol, 0.1, np.inf
+    measured = [1.0]
     start: list[State] = []
-    idle = 0
     for number in range(ROUNDS):
         solver = Solver(problem, plan, space=space, described=described)
         laws = applied(solver.laws)
-        loose = plan.options.with_(rtol=float(np.clip(0.1 * left, 0.2 * goal, 0.01)))
+        loose = plan.options.with_(rtol=float(np.clip(0.02 * left, 0.2 * goal, 0.01)))
         summary, state = solver.run(laws, loose, amplitudes, start, progress=False)
         residual, energies = solver.residual(laws, state, amplitudes)
-        left, fields = _corrections(space, residual, energies, means)
+        found, fields = _corrections(space, residual, energies, means)
+        measured.append(found)
+        left = found * _underestimated(measured)
         _log.info("multigrid round %d: %d fields, error %s", number, space.count, shown_error(left))
         solver.left, start = left, [state]
         if left <= goal:
             return solver, start
         if summary.status in ("interrupted", "diverged") or not np.isfinite(left):
             return solver, start
-        idle = 0 if left < best else idle + 1
         best = min(best, left)
-        if idle == IDLE:
+        if len(measured) > 2 * IDLE and min(measured[-IDLE:]) > 0.5 * min(measured[:-IDLE]):
             break
         space = space.with_fields(fields)
     raise NumericalError(
         f"backend 'multigrid' ended at an error of {best:.1e}, asked {goal:.1e}: use backend='cholmod', or "
         "other settings of PETSc with the prefix latin_body_"
     )
+
+
+def _underestimated(measured: Sequence[float]) -> float:
+    """How many times larger errors may be than one cycle says, of errors before every round.
+
+    Where the eigenvalues of M^-1 A lie in [1 / kappa, 1], r^T A^-1 r <= kappa r^T M^-1 r, and conjugate gradients
+    take the fraction (sqrt(kappa) - 1) / (sqrt(kappa) + 1) from the error in a step: the rounds tell kappa.
+    """
+    recent = np.array(measured[-_RECENT:])
+    if not recent[-1] > 0.0:
+        return 1.0
+    rate = min((recent[-1] / recent[0]) ** (1.0 / (len(recent) - 1)), _SLOWEST)
+    return float((1.0 + rate) / (1.0 - rate))
+
+
+_RECENT = 6
+"""Errors, with the rounds between them, that a rate is taken from."""
+_SLOWEST = 0.99
 
 
 def _corrections(space: Subspace, residual: Array, energies: Array, means: int) -> tuple[float, Array]:
@@ -112,8 +131,8 @@ def _corrections(space: Subspace, residual: Array, energies: Array, means: int) 
         sizes[:] = 1.0
     for group, size in zip(groups, sizes, strict=True):
         residual[:, group] /= np.sqrt(size)
-    gram = residual.T @ (residual / bodies.diagonal[:, None])
-    values, vectors = np.linalg.eigh(gram)
+    gram = bodies.multigrid.energies(residual)
+    values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     rest = values.sum() - np.cumsum(values)
     count = 1 + int(np.argmax(rest <= NEGLIGIBLE * values.sum()))

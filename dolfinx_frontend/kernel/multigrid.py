@@ -11,7 +11,7 @@ PETSc options with the prefix ``latin_body_`` replace any of it (``-latin_body_p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,14 +19,14 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from petsc4py import PETSc as _PETSc
 
-from dolfinx_frontend.assembly.elements import petsc_matrix
+from dolfinx_frontend.assembly.elements import csr, petsc_matrix
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.vertices import vertices_of
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["PREFIX", "Coarse", "Multigrid", "linear_shapes", "multiplied", "rigid_motions"]
+__all__ = ["PREFIX", "Coarse", "Multigrid", "Spring", "linear_shapes", "multiplied", "rigid_motions"]
 
 PETSc: Any = _PETSc  # its stubs know no members
 
@@ -57,8 +57,27 @@ class Coarse(NamedTuple):
     owners: Ints
 
 
+class Spring(NamedTuple):
+    """Springs that pull at jumps of the unknowns: `jump` (rows, n), `stiffness` (rows,)."""
+
+    jump: sp.csr_matrix
+    stiffness: Array
+
+    def forces(self, block: Array) -> Array:
+        """(n, c) of displacements (n, c)."""
+        return np.asarray(self.jump.T @ (self.stiffness[:, None] * (self.jump @ block)))
+
+    def matrix(self) -> sp.csr_matrix:
+        """(n, n)."""
+        return (self.jump.T @ sp.diags(self.stiffness) @ self.jump).tocsr()
+
+    def seen_from(self, fields: sp.csr_matrix) -> Spring:
+        """The same springs in other unknowns, of which these are `fields` (n, c)."""
+        return Spring((self.jump @ fields).tocsr(), self.stiffness)
+
+
 class Multigrid:
-    """One cycle for a symmetric positive definite matrix.
+    """One cycle for a symmetric positive definite matrix with springs.
 
     Parameters
     ----------
@@ -68,13 +87,23 @@ class Multigrid:
         The linear shape functions; None: there are no others.
     rigid
         (n, r) rigid motions.
+    springs
+        Added to the matrix. The two levels apply them one after the other: beside soft parts, sums would take the
+        digits of the matrix.
     """
 
-    def __init__(self, matrix: Any, coarse: Coarse | None, rigid: Array) -> None:
-        self.matrix = matrix
+    def __init__(
+        self, matrix: Any, coarse: Coarse | None, rigid: Array, springs: Sequence[Spring] = ()
+    ) -> None:
+        self.matrix, self.springs = matrix, springs
+        diagonal = np.array(matrix.getDiagonal().getArray())
+        for spring in springs:
+            diagonal += spring.jump.multiply(spring.jump).T @ spring.stiffness
+        self.diagonal = diagonal
         self._levels: _Levels | None = None
         if coarse is None:
             self.kind = "aggregation"
+            matrix = self._summed()
             _tell_rigid_motions(matrix, rigid)
             self.pc = PETSc.PC().create(PETSc.COMM_SELF)
             self.pc.setOptionsPrefix(PREFIX)
@@ -86,8 +115,11 @@ class Multigrid:
 
     def _two_levels(self, coarse: Coarse, rigid: Array) -> None:
         """The linear shape functions below; PETSc's own cycle where the user gave options for it."""
+        coarse = _with_touched(coarse, self.springs)
         prolongation = petsc_matrix(coarse.prolongation)
-        below = self.matrix.PtAP(prolongation)
+        below = _with_springs(
+            self.matrix.PtAP(prolongation), [each.seen_from(coarse.prolongation) for each in self.springs]
+        )
         below.setOption(PETSc.Mat.Option.SPD, True)
         defaults: dict[str, Any] = {"ksp_type": "preonly"}
         if below.getSize()[0] <= COARSE:
@@ -105,17 +137,34 @@ class Multigrid:
             ksp.setOptionsPrefix(f"{PREFIX}mg_coarse_")
             ksp.setOperators(below)
             _set_up(ksp, f"{PREFIX}mg_coarse_", defaults)
-            self._levels = _Levels(self.matrix, prolongation, ksp)
+            self._levels = _Levels(self, prolongation, ksp)
             return
         self.pc = PETSc.PC().create(PETSc.COMM_SELF)
         self.pc.setOptionsPrefix(PREFIX)
-        self.pc.setOperators(self.matrix)
+        self.pc.setOperators(self._summed())
         self.pc.setType(PETSc.PC.Type.MG)
         self.pc.setMGLevels(2)
         self.pc.setMGInterpolation(1, prolongation)
         self.pc.getMGCoarseSolve().setOperators(below)
         of_levels = {f"mg_coarse_{key}": value for key, value in defaults.items()}
         _set_up(self.pc, PREFIX, of_levels | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()})
+
+    def _summed(self) -> Any:
+        """The matrix with the springs."""
+        return _with_springs(self.matrix, self.springs)
+
+    def product(self, block: Array) -> Array:
+        """The matrix with the springs times a block (n, c)."""
+        out = multiplied(self.matrix, block)
+        for spring in self.springs:
+            out += spring.forces(block)
+        return out
+
+    def energies(self, block: Array) -> Array:
+        """About b^T A^-1 b (c, c) of a block of forces (n, c), which costs less than a cycle on all of them."""
+        if self._levels is None:
+            return block.T @ self.cycle(block)
+        return self._levels.energies(block)
 
     def cycle(self, block: Array) -> Array:
         """Approximate solutions (n, c) of a block of right-hand sides (n, c)."""
@@ -142,14 +191,16 @@ class _Levels:
     of the Jacobi iteration on the upper nine tenths of its spectrum.
     """
 
-    def __init__(self, matrix: Any, prolongation: Any, below: Any) -> None:
-        self.matrix, self.below = matrix, below
+    def __init__(self, whole: Multigrid, prolongation: Any, below: Any) -> None:
+        self.product, self.below = whole.product, below
         self.up, self.down = prolongation, prolongation.transpose(PETSc.Mat())
-        self.inverse = 1.0 / np.array(matrix.getDiagonal().getArray())[:, None]
+        self.inverse = 1.0 / whole.diagonal[:, None]
         largest = 1.1 * self._largest()
         least = largest / 11.0
         self.middle, self.half = 0.5 * (largest + least), 0.5 * (largest - least)
         self.coarse_x, self.coarse_b = below.getOperators()[0].createVecs()
+        pc = below.getPC()
+        self.factor = pc.getFactorMatrix() if pc.getType() == PETSc.PC.Type.CHOLESKY else None
 
     def _largest(self) -> float:
         """Largest eigenvalue of D^-1 A, by a few steps of Lanczos' method."""
@@ -160,14 +211,15 @@ class _Levels:
         beta = 0.0
         alphas, betas = [], []
         for _ in range(12):
-            z = root * multiplied(self.matrix, np.asfortranarray(root * q)) - beta * before
+            z = root * self.product(np.asfortranarray(root * q)) - beta * before
             alphas.append(float(q[:, 0] @ z[:, 0]))
             z -= alphas[-1] * q
             beta = float(np.linalg.norm(z))
             if beta <= 1e-12:
                 break
             betas.append(beta)
-            before, q = q, z / beta
+            before = q
+            q = np.asarray(z / beta, dtype=np.float64)
         off = betas[: len(alphas) - 1]
         return float(np.linalg.eigvalsh(np.diag(alphas) + np.diag(off, 1) + np.diag(off, -1))[-1])
 
@@ -181,7 +233,7 @@ class _Levels:
         for number in range(1, _STEPS + 1):
             if number == _STEPS and last:
                 break
-            left -= multiplied(self.matrix, step)
+            left -= self.product(step)
             if number == _STEPS:
                 break
             again = 1.0 / (2.0 * sigma - rho)
@@ -191,17 +243,42 @@ class _Levels:
             rho = again
         return x, left
 
+    def _solved_below(self, block: Array) -> Array:
+        """Solutions (n_c, c) on the coarse level."""
+        out = np.empty(block.shape, order="F")
+        if self.factor is not None:
+            left, right = _dense(out), _dense(block)
+            self.factor.matSolve(right, left)
+            left.destroy()
+            right.destroy()
+            return out
+        for column in range(block.shape[1]):
+            self.coarse_b.setArray(block[:, column])
+            self.below.solve(self.coarse_b, self.coarse_x)
+            out[:, column] = self.coarse_x.getArray()
+        return out
+
+    def energies(self, block: Array) -> Array:
+        """As :meth:`Multigrid.energies`, of the two levels side by side."""
+        below = multiplied(self.down, block)
+        return below.T @ self._solved_below(below) + block.T @ (self.inverse * block)
+
     def cycle(self, block: Array) -> Array:
         """As :meth:`Multigrid.cycle`."""
         x, left = self._smooth(None, np.array(block, order="F"), last=False)
-        on_coarse = multiplied(self.down, left)
-        for column in range(block.shape[1]):
-            self.coarse_b.setArray(on_coarse[:, column])
-            self.below.solve(self.coarse_b, self.coarse_x)
-            on_coarse[:, column] = self.coarse_x.getArray()
-        change = multiplied(self.up, on_coarse)
-        left -= multiplied(self.matrix, change)
+        change = multiplied(self.up, self._solved_below(multiplied(self.down, left)))
+        left -= self.product(change)
         return self._smooth(x + change, left, last=True)[0]
+
+
+def _with_springs(matrix: Any, springs: Sequence[Spring]) -> Any:
+    """A PETSc matrix with springs added to it; itself without."""
+    if not springs:
+        return matrix
+    total = csr(matrix)
+    for spring in springs:
+        total = total + spring.matrix()
+    return petsc_matrix(total)
 
 
 def multiplied(matrix: Any, block: Array) -> Array:
@@ -240,6 +317,20 @@ def _set_up(solver: Any, prefix: str, defaults: dict[str, Any]) -> None:
     finally:
         for key in own:
             options.delValue(key)
+
+
+def _with_touched(coarse: Coarse, springs: Sequence[Spring]) -> Coarse:
+    """The coarse level and all unknowns that springs touch: however stiff they are, it knows them."""
+    size = coarse.prolongation.shape[0]
+    touched = np.zeros(size, dtype=bool)
+    for spring in springs:
+        touched[spring.jump.indices[spring.jump.data != 0.0]] = True
+    touched[coarse.owners] = False
+    more = np.flatnonzero(touched)
+    ones = sp.csr_matrix((np.ones(len(more)), (more, np.arange(len(more)))), shape=(size, len(more)))
+    return Coarse(
+        sp.hstack([coarse.prolongation, ones], "csr"), np.concatenate([coarse.owners, more])
+    )
 
 
 def _averaged(prolongations: Mapping[str, sp.csr_matrix], sums: sp.csr_matrix) -> sp.csr_matrix:

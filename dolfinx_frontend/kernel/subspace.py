@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,7 +26,7 @@ from dolfinx_frontend.assembly.elements import csr, petsc_matrix
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.kernel.multigrid import Multigrid, linear_shapes, multiplied, rigid_motions
+from dolfinx_frontend.kernel.multigrid import Multigrid, Spring, linear_shapes, multiplied, rigid_motions
 
 __all__ = ["Bodies", "Subspace"]
 
@@ -34,20 +34,6 @@ Values = dict[str, Any]
 
 DEPENDENT = 1e-10
 """A field that is left of so little by those before it is one of them."""
-
-STIFFEST = 1e3
-"""Springs up to so many times modulus / length are in the matrix of the multigrid as they are."""
-
-
-class Spring(NamedTuple):
-    """Springs that pull at jumps of the unknowns of all bodies: `jump` (rows, n), `stiffness` (rows,)."""
-
-    jump: sp.csr_matrix
-    stiffness: Array
-
-    def forces(self, block: Array) -> Array:
-        """(n, c) of displacements (n, c)."""
-        return np.asarray(self.jump.T @ (self.stiffness[:, None] * (self.jump @ block)))
 
 
 @dataclass(frozen=True)
@@ -108,19 +94,17 @@ class Bodies:
             each["name"]: [self._trace(each, side) for side in each["sides"]] for each in interfaces
         }
         self.between = [self._spring(each) for each in interfaces]
-        for spring in self.between:
-            matrix = matrix + spring.jump.T @ sp.diags(spring.stiffness) @ spring.jump
         matrix.eliminate_zeros()
         self.matrix = petsc_matrix(matrix)
         del matrix
-        self.diagonal = np.array(self.matrix.getDiagonal().getArray())
         prolongations = {
             member["name"]: _placed(member["prolongation"], piece.own, self.size)
             for piece in self.pieces
             for member in piece.values["members"]
         }
         self.rigid = rigid_motions(problem, prolongations)
-        self.multigrid = Multigrid(self.matrix, linear_shapes(problem, prolongations), self.rigid)
+        shapes = linear_shapes(problem, prolongations)
+        self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between)
 
     # -- pieces --------------------------------------------------------------------------------
     def _add_body(self, values: Values, own: slice) -> sp.csr_matrix:
@@ -176,19 +160,14 @@ class Bodies:
             return Spring(sp.vstack(traces, format="csr"), stiff)
         scene = self.problem.interfaces[interface["name"]]
         kappa = law.stiffnesses(scene)[:, :components].ravel()
-        parts = [self.problem.substructures[side.substructure] for side in scene.sides]
-        bound = STIFFEST * min(part.modulus / part.length for part in parts)
         jump = -traces[0] if len(traces) == 1 else traces[1] - traces[0]
-        return Spring(jump.tocsr(), weights * np.minimum(kappa, bound))
+        return Spring(jump.tocsr(), weights * kappa)
 
     # -- products ------------------------------------------------------------------------------
     def product(self, block: Array) -> Array:
         """The matrices of the bodies, with the springs inside them and without those between, times (n,
         c)."""
-        out = multiplied(self.matrix, block)
-        for spring in self.between:
-            out -= spring.forces(block)
-        return out
+        return multiplied(self.matrix, block)
 
 
 @dataclass(frozen=True)
@@ -222,30 +201,38 @@ class Subspace:
         return sum(each.shape[1] for each in self.fields)
 
     def with_fields(self, block: Array) -> Subspace:
-        """The basis and what a block of displacements (n, c) adds to it, orthonormal in energy."""
+        """The basis and what a block of displacements (n, c) adds to it, orthonormal in energy.
+
+        What the basis has is taken out before anything is multiplied by K: what is left may be small beside it.
+        """
         bodies = self.bodies
+        block = np.array(block, order="F")
+        springs = [
+            [Spring(each.jump[:, piece.own], each.stiffness) for each in bodies.between]
+            for piece in bodies.pieces
+        ]
+        taken = []
+        for b, piece in enumerate(bodies.pieces):
+            V, X = self.fields[b], block[piece.own]
+            shares = self.products[b].T @ X
+            for each in springs[b]:
+                shares += each.forces(V).T @ X
+            block[piece.own] = X - V @ shares
+            taken.append(np.einsum("ij,ij->j", shares, shares))
         product = bodies.product(block)
         fields, products = [], []
         for b, piece in enumerate(bodies.pieces):
             V, KV, X, KX = self.fields[b], self.products[b], block[piece.own], product[piece.own]
-            springs = [Spring(each.jump[:, piece.own], each.stiffness) for each in bodies.between]
-
-            def metric(x: Array, kx: Array, springs: list[Spring] = springs) -> Array:
-                return np.asarray(kx + sum(each.forces(x) for each in springs))
-
-            before = np.einsum("ij,ij->j", X, metric(X, KX))
-            for _ in range(2):
-                shares = V.T @ metric(X, KX)
-                X, KX = X - V @ shares, KX - KV @ shares
-                gram = X.T @ metric(X, KX)
-                scale = np.sqrt(np.maximum(before, np.finfo(float).tiny))
-                values, vectors = np.linalg.eigh(0.5 * (gram + gram.T) / np.outer(scale, scale))
-                chosen = values > DEPENDENT
-                turned = (vectors[:, chosen] / np.sqrt(values[chosen])) / scale[:, None]
-                X, KX = X @ turned, KX @ turned
-                before = np.ones(X.shape[1])
-            fields.append(np.asfortranarray(np.hstack([V, X])))
-            products.append(np.asfortranarray(np.hstack([KV, KX])))
+            pulled = KX + sum(each.forces(X) for each in springs[b])
+            shares = V.T @ pulled
+            gram = X.T @ pulled - shares.T @ shares
+            scale = np.sqrt(np.maximum(taken[b] + np.abs(np.diag(gram)), np.finfo(float).tiny))
+            values, vectors = np.linalg.eigh(0.5 * (gram + gram.T) / np.outer(scale, scale))
+            chosen = values > DEPENDENT
+            turned = (vectors[:, chosen] / np.sqrt(values[chosen])) / scale[:, None]
+            shares = shares @ turned
+            fields.append(np.asfortranarray(np.hstack([V, X @ turned - V @ shares])))
+            products.append(np.asfortranarray(np.hstack([KV, KX @ turned - KV @ shares])))
         return Subspace(bodies, tuple(fields), tuple(products))
 
     # -- for the kernel ------------------------------------------------------------------------
@@ -324,6 +311,13 @@ class Subspace:
                 out[member["name"]] = np.asfortranarray(u)
         return out
 
+    def _moved(self, fields: Mapping[str, Array]) -> Array:
+        """The unknowns (n, c) of all bodies, of what the kernel says of them."""
+        names = [piece.values["members"][0]["name"] for piece in self.bodies.pieces]
+        return np.concatenate(
+            [V @ fields[name][: V.shape[1]] for V, name in zip(self.fields, names, strict=True)]
+        )
+
     # -- how good it is ------------------------------------------------------------------------
     def residual(self, core: Structure, laws: Laws, state: State, amplitudes: Array) -> tuple[Array, Array]:
         """What an answer leaves of the equations of the bodies, (n, c), and its energies (c)."""
@@ -337,12 +331,18 @@ class Subspace:
             out[piece.own] = piece.load @ amplitudes - self.products[body] @ own[:m]
             strained = csr(self._body(body, "")["members"][0]["stiffness"])
             energies += np.einsum("ij,ij->j", own, strained @ own)
+        moved = self._moved(fields)
+        for spring in bodies.between:
+            energies += spring.stiffness @ (spring.jump @ moved) ** 2
+        # of the body, not of the law: they are in equilibrium with the basis, however far the iteration is
+        force = core.global_stage(laws, np.asfortranarray(state.data), np.asfortranarray(amplitudes))
+        force = np.asarray(core.weights)[:, None] * (
+            state.data - np.asarray(core.directions)[:, None] * force
+        )
         for each in bodies.interfaces:
-            force, _ = core.local_fields(laws, each["name"], state)
-            components = len(each["frames"]) // len(each["weights"])
-            weighted = np.repeat(each["weights"], components)[:, None] * force
-            for side, trace in enumerate(bodies.traces[each["name"]]):
-                out += (-1.0 if side else 1.0) * (trace.T @ weighted)
+            rows = core.first_rows(each["name"])
+            for first, trace in zip(rows, bodies.traces[each["name"]], strict=True):
+                out += trace.T @ force[first : first + trace.shape[0]]
         return out, np.abs(energies)
 
 
