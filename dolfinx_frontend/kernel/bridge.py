@@ -374,10 +374,13 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
 
 
 @alone
-def build(problem: Problem, plan: Plan, before: Structure | None = None) -> Built:
+def build(
+    problem: Problem, plan: Plan, before: Structure | None = None, described: Description | None = None
+) -> Built:
     """Bodies and active interfaces of a plan, factorised: all that does not depend on :func:`laws`.
 
-    Bodies that `before` has, but for their interfaces, keep their factors.
+    Bodies that `before` has, but for their interfaces, keep their factors. `described` is what the kernel is
+    given instead of what :func:`describe` says: the same bodies in other unknowns.
 
     Raises
     ------
@@ -385,25 +388,33 @@ def build(problem: Problem, plan: Plan, before: Structure | None = None) -> Buil
         A body's operator is not positive definite.
     """
     own, comm = problem.own, None if problem.distribution is None else problem.distribution.comm
-    corrected = plan.method == "direct"
+    corrected = plan.method == "direct" and described is None
     bodies, interfaces = [], []
-    described = Description([], [], {}, [])
+    options = plan.options
+    backend = options.backend
+    if described is not None:
+        backend = "automatic"
+    elif backend == "multigrid":
+        raise SceneError(
+            "backend 'multigrid' solves one linear run (a solution, a history, a chaos): sweeps, samples and "
+            "nonlinear laws need a factor of the parts, backend='cholmod'"
+        )
     with agreement(comm):
-        described = describe(problem, plan, corrected)
+        described = described or describe(problem, plan, corrected)
         bodies = [_made_body(each) for each in described.bodies]
         for each in described.interfaces:
             name = each["name"]
             interfaces.append(_made_interface(each, _law(own.interfaces[name], described.fields[name])))
+    assert described is not None
     reduced = described.reduced
     loading = _loading(own, [body for patterns in reduced for body in patterns.values()], described.fields)
     _check_range(loading if comm is None else max(exchanged(comm, loading)))
-    options = plan.options
     began = perf_counter()
     core = Structure(
         bodies=bodies,
         interfaces=interfaces,
         operator=options.operator,
-        backend=options.backend,
+        backend=backend,
         memory_limit=options.memory_limit,
         comm=None if comm is None else comm.py2f(),
         before=before,

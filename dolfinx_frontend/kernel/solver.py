@@ -31,11 +31,13 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict, read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.rank_checkpoint import RankCheckpoint
 from dolfinx_frontend.kernel.running import Interrupt
+from dolfinx_frontend.kernel.subspace import Subspace
 from dolfinx_frontend.plan.plan import Plan
 
 __all__ = ["Solver"]
@@ -63,9 +65,20 @@ class Solver:
         (rows,) areas and search directions of the active interface points on this rank.
     costs
         Seconds, numbers and unknowns of every body.
+    space
+        The basis that the bodies move in; None: they have all of their unknowns.
+    left
+        Estimated relative error that the basis leaves in the answer that it was made for.
     """
 
-    def __init__(self, problem: Problem, plan: Plan, before: Solver | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        plan: Plan,
+        before: Solver | None = None,
+        space: Subspace | None = None,
+        described: bridge.Description | None = None,
+    ) -> None:
         problem.check_alike(
             "factorise",
             laws=True,
@@ -81,8 +94,12 @@ class Solver:
         self.problem = problem
         self.plan = plan
         known: Structure | None = None if before is None else before._core
+        self.space, self.left = space, 0.0
+        if space is not None and described is not None:
+            bodies, interfaces = space.described()
+            described = described._replace(bodies=bodies, interfaces=interfaces)
         self._core: Structure
-        self._core, own, acting = bridge.build(problem, plan, known)
+        self._core, own, acting = bridge.build(problem, plan, known, described)
         self.acting = ReadOnlyDict(acting)
         every = [own] if problem.comm is None else exchanged(problem.comm, own)
         self.bodies = tuple(body for bodies in every for body in bodies)
@@ -196,6 +213,7 @@ class Solver:
         start: Mapping[int, State] | None = None,
     ) -> SweepPoints:
         """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept."""
+        self._check_whole("a sweep or a sampling")
         if self.problem.comm is None:
             self.problem.check_unchanged()
         own = self.problem.own.interfaces
@@ -245,11 +263,27 @@ class Solver:
     def displacements(self, laws: Laws, state: State, amplitudes: Array) -> dict[str, Array]:
         """Substructure on this rank -> unknowns (n, columns) of a state."""
         fields = self._core.displacements(laws, state, amplitudes)
+        if self.space is not None:
+            fields = self.space.expanded(fields)
         return {name: read_only(u) for name, u in fields.items()}
 
     def response_to(self, forces: Mapping[str, Array]) -> dict[str, Array]:
         """Displacements (n, columns) of the parts on this rank under forces (n, columns) and nothing else."""
+        self._check_whole("what depends on other forces")
         return self._core.response_to(forces)
+
+    def residual(self, laws: Laws, state: State, amplitudes: Array) -> tuple[Array, Array]:
+        """What an answer in a basis leaves of the equations of the bodies, see :meth:`Subspace.residual`."""
+        assert self.space is not None
+        return self.space.residual(self._core, laws, state, amplitudes)
+
+    def _check_whole(self, what: str) -> None:
+        """Refuse what a basis that was made for one answer does not have."""
+        if self.space is not None:
+            raise SceneError(
+                f"backend 'multigrid' has a basis for one answer, and {what} is another one: solve with "
+                "backend='cholmod'"
+            )
 
     def local_fields(self, laws: Laws, interface: str, state: State) -> tuple[Array, Array]:
         """Force and jump (rows, columns) of an active interface; collective where it joins two ranks."""
@@ -291,4 +325,5 @@ class Solver:
         NumericalError
             It is not stable with them, or they would cost more than the bodies did.
         """
+        self._check_whole("a derivative")
         return self._core.linearised(laws, state)

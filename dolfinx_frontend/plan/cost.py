@@ -46,6 +46,9 @@ class Cost:
         Operations of one iteration with all columns, and bytes that it reads.
     memory
         Bytes of the factors, the dense blocks, Newton's matrices and the history of the iteration.
+    direct, multigrid
+        Most bytes at one time, beside the matrices of the parts: with factors, and with
+        ``backend="multigrid"``.
     """
 
     unknowns: int
@@ -56,6 +59,8 @@ class Cost:
     iteration_flops: float
     iteration_bytes: float
     memory: float
+    direct: float = 0.0
+    multigrid: float = 0.0
 
     def __str__(self) -> str:
         text = f"factorise {shown(self.factor_flops, 'Flop')}, memory {shown(self.memory, 'B')}"
@@ -205,4 +210,24 @@ def predict(
         iteration_flops=columns * (products + rows * (20.0 + 4.0 * depth)) if rows else 0.0,
         iteration_bytes=8.0 * products / 2.0 + history if rows else 0.0,
         memory=8.0 * (numbers + blocks + of_newton) + history,
+        direct=8.0 * (numbers + blocks + of_newton) + history + _OPERATOR * unknowns,
+        multigrid=_multigrid(problem, unknowns, columns) + history,
     )
+
+
+_OPERATOR = 1e3
+"""Bytes an unknown of the matrix that is factorised, in two orders (lower triangles of some 80 entries a
+row)."""
+_ROW = 960.0
+"""Bytes a row of the whole matrix."""
+_FIELDS = 70
+"""Fields that a basis has in the end (measured: 30 to 80)."""
+_COPIES = 3.2
+"""Matrices at one time while the one of the multigrid is made."""
+
+
+def _multigrid(problem: Problem, unknowns: int, columns: int) -> float:
+    """Bytes of a solution by multigrid: its matrix, the basis and its products, and the factor below."""
+    coarse = 15.0 * (unknowns / float(2**problem.dim)) ** (4.0 / 3.0)
+    basis = 16.0 * _FIELDS + 8.0 * 8.0 * columns
+    return float(unknowns * max(_COPIES * _ROW, 1.3 * _ROW + basis) + 8.0 * coarse)

@@ -28,8 +28,16 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen, locked
+from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.plan.coarse import Moments
-from dolfinx_frontend.plan.cost import Cost, blocks_fit, interface_unknowns, newton_is_dense, predict
+from dolfinx_frontend.plan.cost import (
+    Cost,
+    blocks_fit,
+    interface_unknowns,
+    newton_is_dense,
+    predict,
+    shown,
+)
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
@@ -441,8 +449,9 @@ def make_plan(
     """
     _check_request(problem, method, options)
     moments = _moments_in_time(problem, times)
+    varying = tuple(vary)
     factors = tuple(dict.fromkeys(scaled))
-    reasons, eliminated = _split(problem, _wanted(problem, method, active, vary, factors))
+    reasons, eliminated = _split(problem, _wanted(problem, method, active, varying, factors))
     kept = tuple(name for name in problem.interfaces if name in reasons)
     if method == "direct" and kept:
         raise SceneError(
@@ -492,6 +501,10 @@ def make_plan(
     zone = interface_unknowns(problem, kept) if dense else 0
     pairs = [name for name in paired if name in here]
     cost = predict(problem.own, here, columns, options, pairs, newton, zone)
+    one_run = random is not None or not (varying or varied)
+    suits = one_run and not (factors or fields) and all(problem.interfaces[n].law.superposes for n in kept)
+    options, of_bodies = _backend(problem, options, cost, suits)
+    decisions += of_bodies
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
@@ -516,6 +529,47 @@ def make_plan(
         factors,
         tuple(fields or ()),
     )
+
+
+def _backend(
+    problem: Problem, options: Options, cost: Cost, suits: bool
+) -> tuple[Options, list[Decision]]:
+    """How the inside of the bodies is solved for where their factors may not fit into the memory, and why.
+
+    Raises
+    ------
+    SceneError
+        Nothing fits; it says what would.
+    """
+    if options.backend == "multigrid":
+        needs = f"about {shown(cost.multigrid, 'B')}; factors would need {shown(cost.direct, 'B')}"
+        choice = "multigrid, a basis of fields for this answer"
+        return options, [Decision("bodies", choice, f"asked for: {needs}")]
+    free = available_memory()
+    if problem.distribution is not None or cost.direct <= free:
+        return options, []
+    if options.backend == "automatic" and suits and cost.multigrid <= _SURE * free:
+        return options.with_(backend="multigrid"), [
+            Decision(
+                "bodies",
+                f"multigrid, about {shown(cost.multigrid, 'B')}",
+                f"factors would need {shown(cost.direct, 'B')}, and {shown(free, 'B')} are free",
+            )
+        ]
+    text = f"factors of {cost.unknowns} unknowns need about {shown(cost.direct, 'B')}"
+    if suits:
+        text += f", multigrid about {shown(cost.multigrid, 'B')}"
+    text += f", and {shown(free, 'B')} are free"
+    if cost.direct > _SURE * free:
+        raise SceneError(
+            f"plan: {text}: take a coarser mesh or a machine with more memory, or spread the parts over MPI "
+            "ranks of several machines"
+        )
+    return options, [Decision("memory", "factors may not fit", text)]
+
+
+_SURE = 1.5
+"""Predictions of memory are right within this factor."""
 
 
 def _of_field(part: str, source: DiscretisedField, chaos: bool) -> Decision:

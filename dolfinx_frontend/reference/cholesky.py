@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ class Cholesky:
     Raises
     ------
     SceneError
-        Solver not available, or matrix not positive definite.
+        Solver not available, matrix not positive definite, or not enough memory for its factor.
     """
 
     def __init__(self, matrix: sp.csr_matrix, solver: str | None = None) -> None:
@@ -61,13 +62,17 @@ class Cholesky:
         try:
             ksp.setUp()
         except PETSc.Error as err:
-            raise SceneError(_INDEFINITE) from err
+            raise SceneError(_reason(self.solver, self.matrix, str(err), err.ierr)) from err
         finally:
             if forced:
                 options.delValue(_SUPERNODAL)
-        # MUMPS goes on after negative pivots and only counts them
-        if self.solver == "mumps" and pc.getFactorMatrix().getMumpsInfog(12) > 0:
-            raise SceneError(_INDEFINITE)
+        if self.solver == "mumps":
+            factor = pc.getFactorMatrix()
+            if factor.getMumpsInfog(1) in _MUMPS_MEMORY:
+                raise SceneError(_too_large(self.solver, self.matrix))
+            # it goes on after negative pivots and only counts them
+            if factor.getMumpsInfog(12) > 0:
+                raise SceneError(_INDEFINITE)
         self._ksp = ksp
         self._x, self._b = petsc.createVecs()
 
@@ -100,6 +105,30 @@ _INDEFINITE = (
     "the assembled stiffness is not positive definite: something is not held, or a stiffness is "
     "negative"
 )
+
+_MUMPS_MEMORY = (-7, -8, -9, -11, -13, -14, -15, -19, -20)
+"""INFOG(1) of MUMPS where its workspace could not be had or did not do, section 8 of its manual."""
+
+_PETSC_MEMORY = 55
+_CHOLMOD_MEMORY, _CHOLMOD_TOO_LARGE = -2, -3
+
+
+def _too_large(solver: str, matrix: sp.csr_matrix) -> str:
+    size = matrix.shape[0]
+    needed = 8e-9 * 15.0 * size ** (4.0 / 3.0)  # as the plan predicts it
+    return (
+        f"{solver} has not enough memory, or not enough digits in its indices, for the factor of {size} "
+        "unknowns, "
+        f"about {needed:.3g} GB of a part in 3D: use a coarser mesh, or Options(backend='multigrid')"
+    )
+
+
+def _reason(solver: str, matrix: sp.csr_matrix, text: str, code: int) -> str:
+    """Why a factorisation failed, of what PETSc says."""
+    found = re.search(r"status (-?\d+)", text)
+    status = int(found[1]) if found else 0
+    memory = code == _PETSC_MEMORY or status in (_CHOLMOD_MEMORY, _CHOLMOD_TOO_LARGE)
+    return _too_large(solver, matrix) if memory else _INDEFINITE
 
 
 def solvers() -> tuple[str, ...]:

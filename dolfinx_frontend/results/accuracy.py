@@ -155,7 +155,7 @@ def body_name(members: Sequence[str]) -> str:
 
 
 def accuracy_of_run(
-    summary: Summary, plan: Plan, bodies: Sequence[Sequence[str]], comm: Any = None
+    summary: Summary, plan: Plan, bodies: Sequence[Sequence[str]], comm: Any = None, left: float = 0.0
 ) -> Accuracy | None:
     """The errors of an iteration as its kernel measured them, collective; None: nothing was iterated on.
 
@@ -165,12 +165,14 @@ def accuracy_of_run(
         Names of the parts of every body, one rank's after the other's.
     comm
         Of the ranks; None: there is one.
+    left
+        Error that the solver leaves whatever is iterated.
     """
     tables = [summary.errors] if comm is None else exchanged(comm, summary.errors)
     tables = [table for table in tables if table.size]
     if not tables:
         return None
-    values = np.hstack(tables)
+    values = np.hstack(tables) + left
     measured = plan.measured_in_time
     kinds = len(values) // (plan.amplitudes if measured is None else measured).shape[1]
     rows = range(len(values))

@@ -115,7 +115,7 @@ class Result(Value, Face):
         all parts and steps, of mean and fluctuation; NaN: not known."""
         if self.corrected is not None:
             return self.corrected.accuracy.largest
-        return self.summary.error if np.isfinite(self.summary.error) else float("nan")
+        return self.summary.error + self.solver.left if np.isfinite(self.summary.error) else float("nan")
 
     @property
     def place(self) -> str:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from time import perf_counter
 from typing import cast
 
+import numpy as np
 from latin_core import Iteration, NumericalError, State
 
 from dolfinx_frontend.assembly.problem import Problem
@@ -15,9 +16,10 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.carry import carried
+from dolfinx_frontend.kernel.fitting import SHARE, fitted
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run
+from dolfinx_frontend.results.accuracy import Accuracy, Corrected, accuracy_of_run
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.loose import check_bolts
@@ -49,7 +51,10 @@ def solve_once(
     """
     began = perf_counter()
     given = start_states(start)
-    solver = Solver(problem, plan, None if before is None else before.solver)
+    if plan.options.backend == "multigrid":
+        solver, given = fitted(problem, plan, lambda laws: laws, plan.amplitudes, plan.columns)
+    else:
+        solver = Solver(problem, plan, None if before is None else before.solver)
     if before is not None and not given:
         given = carried(before.solver, before.state, solver)
     setup = perf_counter() - began
@@ -120,13 +125,27 @@ def _run(
 ) -> Result:
     began = perf_counter()
     laws = solver.laws
-    summary, state = solver.run(laws, plan.options, plan.amplitudes, start, callback, progress)
+    options = plan.options
+    if solver.space is not None:
+        options = options.with_(rtol=(1.0 - SHARE) * options.rtol)
+    summary, state = solver.run(laws, options, plan.amplitudes, start, callback, progress)
     cuts = solver.fields_of_cuts(laws, state)
-    checked = corrected(solver) if plan.method == "direct" else None
+    if plan.method != "direct":
+        checked = None
+    elif solver.space is None:
+        checked = corrected(solver)
+    else:
+        checked = Corrected(
+            Accuracy(np.array([[solver.left]]), ("",), ("all parts",)),
+            solver.displacements(laws, state, plan.amplitudes),
+            {},
+        )
     if checked is not None:
         accuracy: Accuracy | None = checked.accuracy
     else:
-        accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
+        accuracy = accuracy_of_run(
+            summary, plan, solver.bodies, solver.problem.comm, solver.left
+        )
     seconds = {"setup": setup, "solve": perf_counter() - began}
     kind = Result if plan.times is None else HistoryResult
     return kind(

@@ -32,6 +32,7 @@ from dolfinx_frontend.common.checks import check_optional_kind, checked_word
 from dolfinx_frontend.common.errors import SceneError, warn
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
+from dolfinx_frontend.kernel.fitting import SHARE, fitted
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import (
     Decision,
@@ -611,12 +612,16 @@ def _run(
     began = perf_counter()
     random, chaos, basis, _ = wanted
     plan, collocations, proven, changes = prepared(problem, wanted, indefinite)
+    amplitudes = amplitudes_of(plan, random, basis)
+    options = plan.options
+    if options.backend == "multigrid":
+        solver, start = fitted(problem, plan, changes.applied, amplitudes, changes.steps)
+        options = options.with_(rtol=(1.0 - SHARE) * options.rtol)
     solver = solver or Solver(problem, plan)
     laws = changes.applied(solver.laws)
     built = perf_counter()
-    amplitudes = amplitudes_of(plan, random, basis)
     check_start(start, solver, amplitudes.shape[1])
-    summary, state = solver.run(laws, plan.options, amplitudes, start, callback, progress)
+    summary, state = solver.run(laws, options, amplitudes, start, callback, progress)
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     result = ChaosResult(
         problem,
@@ -632,7 +637,7 @@ def _run(
         basis=basis,
         proven=proven,
         collocations=collocations,
-        accuracy=accuracy_of_run(summary, plan, solver.bodies, problem.comm),
+        accuracy=accuracy_of_run(summary, plan, solver.bodies, problem.comm, solver.left),
         estimator=estimator,
         continuation=_tightened,
         sampler=sample_chaos,

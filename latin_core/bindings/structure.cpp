@@ -221,6 +221,8 @@ OperatorOptions operator_options(const std::string& kind, const std::string& bac
   }
   if (backend == "cholmod") {
     options.backend = latin::algebra::FactorBackend::cholmod;
+  } else if (backend == "cholmod64") {
+    options.backend = latin::algebra::FactorBackend::cholmod64;
   } else if (backend == "mumps") {
     options.backend = latin::algebra::FactorBackend::mumps;
   } else if (backend != "automatic") {

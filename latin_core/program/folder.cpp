@@ -237,6 +237,7 @@ substructure::Laws Folder::laws() const {
     options.backend = choice<FactorBackend>(node, "backend",
                                             {{"automatic", FactorBackend::automatic},
                                              {"cholmod", FactorBackend::cholmod},
+                                             {"cholmod64", FactorBackend::cholmod64},
                                              {"mumps", FactorBackend::mumps}});
     options.memory_limit = node.number("memory_limit");
     if (!(options.memory_limit >= 0.0)) {

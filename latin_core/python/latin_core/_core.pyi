@@ -18,7 +18,7 @@ Array: TypeAlias = npt.NDArray[np.float64]
 IndexTable: TypeAlias = npt.NDArray[np.int32]
 Mat: TypeAlias = Any  # petsc4py.PETSc.Mat, sequential; petsc4py has no types of its own
 Sparse: TypeAlias = Any  # scipy.sparse matrix, float64
-Backend: TypeAlias = Literal["automatic", "cholmod", "mumps"]
+Backend: TypeAlias = Literal["automatic", "cholmod", "cholmod64", "mumps"]
 Operator: TypeAlias = Literal["automatic", "condensed", "factored"]
 Status: TypeAlias = Literal["converged", "max_iterations", "stagnated", "inexact", "diverged", "interrupted"]
 

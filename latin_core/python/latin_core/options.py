@@ -67,7 +67,10 @@ class Options:
         double precision before an answer is accepted, so that every `rtol` is reached; points of a sweep
         that are tried side by side stay in double precision. ``"double"``: all in double precision.
     backend
-        ``"cholmod"``, ``"mumps"`` or ``"automatic"``.
+        What solves for the inside of the parts: ``"cholmod"`` (indices of 64 bits where those of 32 cannot
+        count the numbers of a factor; ``"cholmod64"``: at once), ``"mumps"``, ``"multigrid"`` (conjugate
+        gradients on the linear shape functions of the same mesh, without a factor of the parts; by the Python
+        frontend, for linear laws), or ``"automatic"``.
     memory_limit
         Bytes that one condensed block may take before ``"automatic"`` goes sparse, and the dense
         flexibility of Newton steps before they do without; 0: no limit.
@@ -92,7 +95,7 @@ class Options:
     directions: Literal["automatic", "diagonal", "matrix"] = "automatic"
     operator: Literal["automatic", "condensed", "factored"] = "automatic"
     precision: Literal["double", "single"] = "double"
-    backend: Literal["automatic", "cholmod", "mumps"] = "automatic"
+    backend: Literal["automatic", "cholmod", "cholmod64", "mumps", "multigrid"] = "automatic"
     memory_limit: float = _DEFAULT["memory_limit"]
 
     def with_(self, **changes: Any) -> Options:
@@ -164,6 +167,6 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "macro": ("automatic", "none", "resultants", "linear"),
     "directions": ("automatic", "diagonal", "matrix"),
     "operator": ("automatic", "condensed", "factored"),
-    "backend": ("automatic", "cholmod", "mumps"),
+    "backend": ("automatic", "cholmod", "cholmod64", "mumps", "multigrid"),
 }
 """Settings that are one of some words."""

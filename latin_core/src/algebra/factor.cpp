@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -30,6 +31,11 @@ std::string not_definite(const std::string& name, const std::string& where) {
          ": the part can move rigidly, its material is not stable, a stiffness is negative, or "
          "moduli of parts "
          "that are joined differ by more than rounding bears (keep the joint active: active=[...])";
+}
+
+std::string out_of_memory(const std::string& name, Index size) {
+  return "not enough memory to factorise '" + name + "' (" + std::to_string(size) +
+         " unknowns): use a coarser mesh, backend 'multigrid', or a larger machine";
 }
 
 #ifdef LATIN_HAVE_CHOLMOD
@@ -93,7 +99,141 @@ Compressed compress(const SparseRows& lower, Index size) {
   return graph;
 }
 
+/// CHOLMOD with indices of 32 bits: half the memory of its indices, and at most 2^31 numbers in a factor.
+struct Narrow {
+  using Int = std::int32_t;
+  static constexpr int type = CHOLMOD_INT;
+  static constexpr const char* backend = "cholmod";
+  static constexpr auto start = cholmod_start;
+  static constexpr auto finish = cholmod_finish;
+  static constexpr auto analyze = cholmod_analyze;
+  static constexpr auto factorize = cholmod_factorize;
+  static constexpr auto solve = cholmod_solve;
+  static constexpr auto free_factor = cholmod_free_factor;
+  static constexpr auto free_dense = cholmod_free_dense;
+};
+
+/// The same with indices of 64 bits.
+struct Wide {
+  using Int = std::int64_t;
+  static constexpr int type = CHOLMOD_LONG;
+  static constexpr const char* backend = "cholmod64";
+  static constexpr auto start = cholmod_l_start;
+  static constexpr auto finish = cholmod_l_finish;
+  static constexpr auto analyze = cholmod_l_analyze;
+  static constexpr auto factorize = cholmod_l_factorize;
+  static constexpr auto solve = cholmod_l_solve;
+  static constexpr auto free_factor = cholmod_l_free_factor;
+  static constexpr auto free_dense = cholmod_l_free_dense;
+};
+
+/// A factor has more numbers than its indices can count.
+class TooLarge {};
+
+template <class Api>
+void start_quietly(cholmod_common& common) {
+  Api::start(&common);
+  common.print = 0;
+  common.error_handler = nullptr;
+}
+
+std::string failure(const std::string& name, Index size, int status) {
+  return status == CHOLMOD_OUT_OF_MEMORY ? out_of_memory(name, size)
+                                         : "CHOLMOD could not factorise '" + name + "' (status " +
+                                               std::to_string(status) + ")";
+}
+
+/// A square matrix for CHOLMOD, without its arrays.
+cholmod_sparse square(Index size, std::size_t nonzeros, int type) {
+  cholmod_sparse matrix{};
+  matrix.nrow = static_cast<std::size_t>(size);
+  matrix.ncol = static_cast<std::size_t>(size);
+  matrix.nzmax = nonzeros;
+  matrix.itype = type;
+  matrix.dtype = CHOLMOD_DOUBLE;
+  matrix.packed = 1;
+  return matrix;
+}
+
+cholmod_sparse view(SparseColumns& upper) {
+  cholmod_sparse matrix =
+      square(upper.rows(), static_cast<std::size_t>(upper.nonZeros()), CHOLMOD_INT);
+  matrix.p = upper.outerIndexPtr();
+  matrix.i = upper.innerIndexPtr();
+  matrix.stype = 1;
+  matrix.xtype = CHOLMOD_PATTERN;
+  matrix.sorted = 1;
+  return matrix;
+}
+
+/// The interior unknowns in order of minimum degree, or of nested dissection where that must save more
+/// than it costs, then the trailing ones in their given order.
+std::vector<int> interior_first(const SparseRows& lower, Index trailing, const std::string& name) {
+  const Index size = lower.rows();
+  std::vector<int> order(static_cast<std::size_t>(size));
+  std::iota(order.begin(), order.end(), 0);
+  const Index interior = size - trailing;
+  if (interior < 2) {
+    return order;
+  }
+  const auto place = [&](const Compressed& graph, const int* groups) {
+    auto next = order.begin();
+    for (Index i = 0; i < graph.pattern.cols(); ++i) {
+      for (const int unknown : graph.members[static_cast<std::size_t>(groups[i])]) {
+        if (unknown < interior) {
+          *next++ = unknown;
+        }
+      }
+    }
+  };
+  cholmod_common common{};
+  start_quietly<Narrow>(common);
+  const auto fail = [&] {
+    const int status = common.status;
+    cholmod_finish(&common);
+    throw NumericalError(failure(name, size, status));
+  };
+  // degrees count the trailing neighbours, which fill in, too: a third fewer operations on the vessel
+  Compressed graph = compress(lower, size);
+  std::vector<int> last;
+  last.reserve(graph.members.size());
+  for (const std::vector<int>& members : graph.members) {
+    last.push_back(members.front() < interior ? 0 : 1);
+  }
+  std::vector<int> groups(last.size());
+  cholmod_sparse pattern = view(graph.pattern);
+  if (cholmod_camd(&pattern, nullptr, 0, last.data(), groups.data(), &common) == 0) {
+    fail();
+  }
+  place(graph, groups.data());
+
+  // nested dissection takes as long as some 8 000 operations of the factorisation an entry of the graph,
+  // and saves about a third of these (the vessel at 24 000 to 185 000 unknowns)
+  const double members = static_cast<double>(size) / static_cast<double>(graph.pattern.cols());
+  const double operations = common.fl * members * members * members;
+  if (operations / 3.0 > 8e3 * static_cast<double>(graph.pattern.nonZeros())) {
+    Compressed inner = compress(lower, interior);
+    cholmod_sparse of_inner = view(inner.pattern);
+    common.supernodal = CHOLMOD_SIMPLICIAL;  // only the order is wanted
+    common.nmethods = 1;
+    common.method[0].ordering = CHOLMOD_METIS;
+    static std::mutex metis;  // it draws from the C library's one random number generator
+    std::unique_lock lock(metis);
+    cholmod_factor* analysis = cholmod_analyze(&of_inner, &common);
+    lock.unlock();
+    if (analysis != nullptr) {
+      place(inner, static_cast<const int*>(analysis->Perm));
+      cholmod_free_factor(&analysis, &common);
+    } else if (common.status != CHOLMOD_NOT_INSTALLED) {  // METIS is optional
+      fail();
+    }
+  }
+  cholmod_finish(&common);
+  return order;
+}
+
 /// The lower triangle of a matrix in another order, by columns, each in no order of its own.
+template <class Int>
 struct Ordered {
   /// @param order the unknown at every place
   Ordered(const SparseRows& lower, const std::vector<int>& order)
@@ -116,7 +256,7 @@ struct Ordered {
     };
     each([&](int, std::size_t column, double) { ++first[column + 1]; });
     std::partial_sum(first.begin(), first.end(), first.begin());
-    std::vector<int> next(first.begin(), first.end() - 1);
+    std::vector<Int> next(first.begin(), first.end() - 1);
     each([&](int row, std::size_t column, double value) {
       const auto at = static_cast<std::size_t>(next[column]++);
       rows[at] = row;
@@ -127,35 +267,40 @@ struct Ordered {
     });
   }
 
-  std::vector<int> first;  ///< of every column, and one past the last
-  std::vector<int> rows;
+  std::vector<Int> first;  ///< of every column, and one past the last
+  std::vector<Int> rows;
   std::vector<double> values;
   std::vector<double> diagonal;
 };
 
 /// Supernodal Cholesky of SuiteSparse. The module is GPL: a binary with it is, too.
+template <class Api>
 class CholmodFactor final : public Factor {
+  using Int = typename Api::Int;
+
  public:
-  CholmodFactor(const SparseRows& lower, Index trailing, const std::string& name)
+  /// @param order the unknown at every place
+  /// @throws TooLarge
+  CholmodFactor(const SparseRows& lower, const std::vector<int>& order, Index trailing,
+                const std::string& name)
       : size_(lower.rows()), trailing_(trailing) {
-    start(common_);
+    start_quietly<Api>(common_);
     common_.supernodal = CHOLMOD_SUPERNODAL;
     common_.final_ll = 1;
 
-    const std::vector<int> order = interior_first(lower, name);
-    Ordered ordered(lower, order);
+    Ordered<Int> ordered(lower, order);
     // of a lower triangle in its natural order CHOLMOD makes no copies
     cholmod_sparse matrix = view(ordered);
     common_.nmethods = 1;
     common_.method[0].ordering = CHOLMOD_NATURAL;
     // the order is postordered already, and a new postorder would mix the trailing unknowns in
     common_.postorder = 0;
-    factor_ = cholmod_analyze(&matrix, &common_);
+    factor_ = Api::analyze(&matrix, &common_);
     if (factor_ == nullptr) {
       fail(name);
     }
-    cholmod_factorize(&matrix, factor_, &common_);
-    std::ranges::copy(order, static_cast<int*>(factor_->Perm));  // for solve(), from here on
+    Api::factorize(&matrix, factor_, &common_);
+    std::ranges::copy(order, static_cast<Int*>(factor_->Perm));  // for solve(), from here on
     factor_->ordering = CHOLMOD_GIVEN;
     if (common_.status < CHOLMOD_OK) {
       fail(name);
@@ -178,7 +323,7 @@ class CholmodFactor final : public Factor {
   [[nodiscard]] bool condenses() const override { return trailing_ > 0; }
   [[nodiscard]] double nonzeros() const override { return static_cast<double>(factor_->xsize); }
   [[nodiscard]] double least_pivot() const override { return least_pivot_; }
-  [[nodiscard]] std::string backend() const override { return "cholmod"; }
+  [[nodiscard]] std::string backend() const override { return Api::backend; }
 
   [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override {
     return solve_with({CHOLMOD_A}, rhs);
@@ -192,18 +337,18 @@ class CholmodFactor final : public Factor {
 
   [[nodiscard]] Matrix trailing_factor() const override {
     Matrix dense = Matrix::Zero(trailing_, trailing_);
-    const auto* super = static_cast<const int*>(factor_->super);
-    const auto* row_start = static_cast<const int*>(factor_->pi);
-    const auto* value_start = static_cast<const int*>(factor_->px);
-    const auto* rows = static_cast<const int*>(factor_->s);
+    const auto* super = static_cast<const Int*>(factor_->super);
+    const auto* row_start = static_cast<const Int*>(factor_->pi);
+    const auto* value_start = static_cast<const Int*>(factor_->px);
+    const auto* rows = static_cast<const Int*>(factor_->s);
     const auto* values = static_cast<const double*>(factor_->x);
-    const auto first = static_cast<int>(size_ - trailing_);
+    const auto first = static_cast<Int>(size_ - trailing_);
     for (std::size_t node = 0; node < factor_->nsuper; ++node) {
-      const int height = row_start[node + 1] - row_start[node];
-      for (int column = std::max(super[node], first); column < super[node + 1]; ++column) {
+      const Int height = row_start[node + 1] - row_start[node];
+      for (Int column = std::max(super[node], first); column < super[node + 1]; ++column) {
         const double* of_column = values + value_start[node] +
                                   static_cast<std::ptrdiff_t>(height) * (column - super[node]);
-        for (int i = column - super[node]; i < height; ++i) {
+        for (Int i = column - super[node]; i < height; ++i) {
           dense(rows[row_start[node] + i] - first, column - first) = of_column[i];
         }
       }
@@ -224,17 +369,17 @@ class CholmodFactor final : public Factor {
     input.xtype = CHOLMOD_REAL;
     input.dtype = CHOLMOD_DOUBLE;
     cholmod_common own;  // the factor is only read: what is written is of this call
-    start(own);
+    start_quietly<Api>(own);
     for (const int system : systems) {
-      cholmod_dense* output = cholmod_solve(system, factor_, &input, &own);
+      cholmod_dense* output = Api::solve(system, factor_, &input, &own);
       if (output != nullptr) {
         block = Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(),
                                          block.cols());
-        cholmod_free_dense(&output, &own);
+        Api::free_dense(&output, &own);
       }
     }
     const int status = own.status;
-    cholmod_finish(&own);
+    Api::finish(&own);
     if (status < CHOLMOD_OK) {
       throw NumericalError("CHOLMOD could not solve with " + std::to_string(block.cols()) +
                            " columns (status " + std::to_string(status) + ")");
@@ -242,21 +387,15 @@ class CholmodFactor final : public Factor {
     return block;
   }
 
-  static void start(cholmod_common& common) {
-    cholmod_start(&common);
-    common.print = 0;
-    common.error_handler = nullptr;
-  }
-
   /// A rigid motion that nothing holds leaves a last pivot that is rounding: with luck a positive one.
-  void refuse_singular(const Ordered& matrix, const std::string& name) {
-    const auto* super = static_cast<const int*>(factor_->super);
-    const auto* row_start = static_cast<const int*>(factor_->pi);
-    const auto* value_start = static_cast<const int*>(factor_->px);
+  void refuse_singular(const Ordered<Int>& matrix, const std::string& name) {
+    const auto* super = static_cast<const Int*>(factor_->super);
+    const auto* row_start = static_cast<const Int*>(factor_->pi);
+    const auto* value_start = static_cast<const Int*>(factor_->px);
     const auto* values = static_cast<const double*>(factor_->x);
     for (std::size_t node = 0; node < factor_->nsuper; ++node) {
       const std::ptrdiff_t height = row_start[node + 1] - row_start[node];
-      for (int column = super[node]; column < super[node + 1]; ++column) {
+      for (Int column = super[node]; column < super[node + 1]; ++column) {
         const double root = values[value_start[node] + (height + 1) * (column - super[node])];
         const double diagonal = matrix.diagonal[static_cast<std::size_t>(column)];
         least_pivot_ = std::min(least_pivot_, root * root / diagonal);
@@ -270,18 +409,9 @@ class CholmodFactor final : public Factor {
     }
   }
 
-  static cholmod_sparse square(Index size, std::size_t nonzeros) {
-    cholmod_sparse matrix{};
-    matrix.nrow = static_cast<std::size_t>(size);
-    matrix.ncol = static_cast<std::size_t>(size);
-    matrix.nzmax = nonzeros;
-    matrix.itype = CHOLMOD_INT;
-    matrix.dtype = CHOLMOD_DOUBLE;
-    matrix.packed = 1;
-    return matrix;
-  }
-  static cholmod_sparse view(Ordered& lower) {
-    cholmod_sparse matrix = square(static_cast<Index>(lower.diagonal.size()), lower.rows.size());
+  static cholmod_sparse view(Ordered<Int>& lower) {
+    cholmod_sparse matrix =
+        square(static_cast<Index>(lower.diagonal.size()), lower.rows.size(), Api::type);
     matrix.p = lower.first.data();
     matrix.i = lower.rows.data();
     matrix.x = lower.values.data();
@@ -290,90 +420,20 @@ class CholmodFactor final : public Factor {
     matrix.sorted = 0;
     return matrix;
   }
-  static cholmod_sparse view(SparseColumns& upper) {
-    cholmod_sparse matrix = square(upper.rows(), static_cast<std::size_t>(upper.nonZeros()));
-    matrix.p = upper.outerIndexPtr();
-    matrix.i = upper.innerIndexPtr();
-    matrix.stype = 1;
-    matrix.xtype = CHOLMOD_PATTERN;
-    matrix.sorted = 1;
-    return matrix;
-  }
-
-  /// The interior unknowns in order of minimum degree, or of nested dissection where that must save more
-  /// than it costs, then the trailing ones in their given order.
-  std::vector<int> interior_first(const SparseRows& lower, const std::string& name) {
-    std::vector<int> order(static_cast<std::size_t>(size_));
-    std::iota(order.begin(), order.end(), 0);
-    const Index interior = size_ - trailing_;
-    if (interior < 2) {
-      return order;
-    }
-    const auto place = [&](const Compressed& graph, const int* groups) {
-      auto next = order.begin();
-      for (Index i = 0; i < graph.pattern.cols(); ++i) {
-        for (const int unknown : graph.members[static_cast<std::size_t>(groups[i])]) {
-          if (unknown < interior) {
-            *next++ = unknown;
-          }
-        }
-      }
-    };
-    // degrees count the trailing neighbours, which fill in, too: a third fewer operations on the vessel
-    Compressed graph = compress(lower, size_);
-    std::vector<int> last;
-    last.reserve(graph.members.size());
-    for (const std::vector<int>& members : graph.members) {
-      last.push_back(members.front() < interior ? 0 : 1);
-    }
-    std::vector<int> groups(last.size());
-    cholmod_sparse pattern = view(graph.pattern);
-    if (cholmod_camd(&pattern, nullptr, 0, last.data(), groups.data(), &common_) == 0) {
-      fail(name);
-    }
-    place(graph, groups.data());
-
-    // nested dissection takes as long as some 8 000 operations of the factorisation an entry of the graph,
-    // and saves about a third of these (the vessel at 24 000 to 185 000 unknowns)
-    const double members = static_cast<double>(size_) / static_cast<double>(graph.pattern.cols());
-    const double operations = common_.fl * members * members * members;
-    if (operations / 3.0 > 8e3 * static_cast<double>(graph.pattern.nonZeros())) {
-      Compressed inner = compress(lower, interior);
-      cholmod_sparse of_inner = view(inner.pattern);
-      common_.supernodal = CHOLMOD_SIMPLICIAL;  // only the order is wanted
-      common_.nmethods = 1;
-      common_.method[0].ordering = CHOLMOD_METIS;
-      static std::mutex metis;  // it draws from the C library's one random number generator
-      std::unique_lock lock(metis);
-      cholmod_factor* analysis = cholmod_analyze(&of_inner, &common_);
-      lock.unlock();
-      if (analysis != nullptr) {
-        place(inner, static_cast<const int*>(analysis->Perm));
-        cholmod_free_factor(&analysis, &common_);
-      } else if (common_.status != CHOLMOD_NOT_INSTALLED) {  // METIS is optional
-        fail(name);
-      }
-      common_.status = CHOLMOD_OK;
-      common_.supernodal = CHOLMOD_SUPERNODAL;
-    }
-    return order;
-  }
-
   [[noreturn]] void fail(const std::string& name) {
     const int status = common_.status;
     release();
-    throw NumericalError(
-        status == CHOLMOD_OUT_OF_MEMORY
-            ? "not enough memory to factorise '" + name + "' (" + std::to_string(size_) +
-                  " unknowns): use a coarser mesh or cut the part"
-            : "CHOLMOD could not factorise '" + name + "' (status " + std::to_string(status) + ")");
+    if (status == CHOLMOD_TOO_LARGE) {
+      throw TooLarge();
+    }
+    throw NumericalError(failure(name, size_, status));
   }
 
   void release() {
     if (factor_ != nullptr) {
-      cholmod_free_factor(&factor_, &common_);
+      Api::free_factor(&factor_, &common_);
     }
-    cholmod_finish(&common_);
+    Api::finish(&common_);
   }
 
   Index size_;
@@ -382,6 +442,23 @@ class CholmodFactor final : public Factor {
   cholmod_factor* factor_ = nullptr;
   double least_pivot_ = 1.0;
 };
+
+/// With 64-bit indices where 32 bits cannot count the numbers of the factor, or where they are asked for.
+std::unique_ptr<Factor> factorise_cholmod(const SparseRows& lower, Index trailing, bool wide,
+                                          const std::string& name) {
+  const std::vector<int> order = interior_first(lower, trailing, name);
+  if (!wide) {
+    try {
+      return std::make_unique<CholmodFactor<Narrow>>(lower, order, trailing, name);
+    } catch (const TooLarge&) {  // the analysis says so, before anything is factorised
+    }
+  }
+  try {
+    return std::make_unique<CholmodFactor<Wide>>(lower, order, trailing, name);
+  } catch (const TooLarge&) {
+    throw NumericalError(failure(name, lower.rows(), CHOLMOD_TOO_LARGE));
+  }
+}
 
 #endif
 
@@ -402,14 +479,13 @@ class MumpsFactor final : public Factor {
           "get a MUMPS factor");
     MatFactorInfo info;
     check(MatFactorInfoInitialize(&info), "prepare a factorisation");
-    if (MatCholeskyFactorSymbolic(factor_.get(), matrix_.get(), nullptr, &info) != PETSC_SUCCESS ||
-        MatCholeskyFactorNumeric(factor_.get(), matrix_.get(), &info) != PETSC_SUCCESS) {
-      throw NumericalError(not_definite(name, ""));
-    }
-    MatFactorError error{};
-    check(MatFactorGetError(factor_.get(), &error), "ask a factor for its error");
-    if (error != MAT_FACTOR_NOERROR) {
-      throw NumericalError(not_definite(name, ""));
+    bool done = MatCholeskyFactorSymbolic(factor_.get(), matrix_.get(), nullptr, &info) ==
+                PETSC_SUCCESS;
+    done = done && succeeded() &&
+           MatCholeskyFactorNumeric(factor_.get(), matrix_.get(), &info) == PETSC_SUCCESS;
+    if (!done || !succeeded()) {
+      throw NumericalError(is_out_of_memory() ? out_of_memory(name, size_)
+                                              : not_definite(name, ""));
     }
     refuse_singular(lower, name);
     MatInfo facts{};
@@ -444,6 +520,22 @@ class MumpsFactor final : public Factor {
   [[nodiscard]] Matrix backward(ConstMatrixRef /*rhs*/) const override { refuse_condensing(); }
 
  private:
+  [[nodiscard]] bool succeeded() const {
+    MatFactorError error{};
+    check(MatFactorGetError(factor_.get(), &error), "ask a factor for its error");
+    return error == MAT_FACTOR_NOERROR;
+  }
+
+  /// Whether its workspace could not be had: INFOG(1) of MUMPS, section 8 of its manual.
+  [[nodiscard]] bool is_out_of_memory() const {
+    MatFactorError error{};
+    check(MatFactorGetError(factor_.get(), &error), "ask a factor for its error");
+    PetscInt found = 0;
+    check(MatMumpsGetInfog(factor_.get(), 1, &found), "ask MUMPS what happened");
+    constexpr std::array<PetscInt, 9> memory{-7, -8, -9, -11, -13, -14, -15, -19, -20};
+    return error == MAT_FACTOR_OUTMEMORY || std::ranges::find(memory, found) != memory.end();
+  }
+
   [[noreturn]] static void refuse_condensing() {
     throw NumericalError("this build condenses with CHOLMOD only: use operator 'factored'");
   }
@@ -477,10 +569,10 @@ std::unique_ptr<Factor> factorise(const SparseRows& lower, Index trailing, Facto
                                   const std::string& name) {
 #ifdef LATIN_HAVE_CHOLMOD
   if (backend != FactorBackend::mumps) {
-    return std::make_unique<CholmodFactor>(lower, trailing, name);
+    return factorise_cholmod(lower, trailing, backend == FactorBackend::cholmod64, name);
   }
 #else
-  if (backend == FactorBackend::cholmod) {
+  if (backend == FactorBackend::cholmod || backend == FactorBackend::cholmod64) {
     throw InputError("backend 'cholmod' is not in this build: use 'mumps' or 'automatic'");
   }
 #endif
@@ -490,7 +582,7 @@ std::unique_ptr<Factor> factorise(const SparseRows& lower, Index trailing, Facto
 
 std::string available_backends() {
 #ifdef LATIN_HAVE_CHOLMOD
-  return "cholmod, mumps";
+  return "cholmod, cholmod64, mumps";
 #else
   return "mumps";
 #endif

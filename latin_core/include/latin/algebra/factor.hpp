@@ -7,8 +7,9 @@
 
 namespace latin::algebra {
 
-/// Which library factorises. `automatic` is CHOLMOD where it was built in, else MUMPS through PETSc.
-enum class FactorBackend { automatic, cholmod, mumps };
+/// Which library factorises. `automatic` is CHOLMOD where it was built in, else MUMPS through PETSc. CHOLMOD goes to
+/// indices of 64 bits by itself where those of 32 cannot count the numbers of a factor; `cholmod64` has them at once.
+enum class FactorBackend { automatic, cholmod, cholmod64, mumps };
 
 /// A symmetric positive definite matrix, factorised once.
 ///
@@ -47,7 +48,7 @@ class Factor {
 /// Factorise the symmetric matrix of which `lower` holds the lower triangle (the columns of a row in any order).
 /// @param trailing number of last unknowns to keep last in the elimination order
 /// @param name     named in error messages
-/// @throws NumericalError if the matrix is not positive definite (with the pivot's position)
+/// @throws NumericalError if the matrix is not positive definite (with the pivot's position), or memory runs out
 std::unique_ptr<Factor> factorise(const SparseRows& lower, Index trailing, FactorBackend backend,
                                   const std::string& name);
 

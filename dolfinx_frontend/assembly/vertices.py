@@ -1,0 +1,53 @@
+"""The linear shape functions of a part's mesh among its own ones: the coarse level of a multigrid method."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+
+from dolfinx_frontend.assembly.elements import csr
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Ints
+
+__all__ = ["Vertices", "vertices_of"]
+
+
+class Vertices(NamedTuple):
+    """Vertices of a mesh whose shape functions have a higher degree.
+
+    Attributes
+    ----------
+    weights
+        (nodes, vertices): the linear shape functions at all nodes.
+    nodes
+        (vertices,) node of each.
+    """
+
+    weights: sp.csr_matrix
+    nodes: Ints
+
+
+def vertices_of(part: Substructure) -> Vertices | None:
+    """The vertices of a part; None: its shape functions are linear already."""
+    space = part.space
+    if int(space.element.basix_element.degree) < 2:
+        return None
+    fine, dofs = space.sub(0).collapse()
+    nodes_of = np.asarray(dofs) // part.dim  # of the unknowns of one component
+    coarse = fem.functionspace(space.mesh, ("Lagrange", 1))
+    matrix = fem_petsc.interpolation_matrix(coarse, fine)
+    matrix.assemble()
+    weights = csr(matrix)
+    matrix.destroy()
+    weights.data[np.abs(weights.data) < 1e-12] = 0.0
+    weights.eliminate_zeros()
+    single = np.flatnonzero(np.diff(weights.indptr) == 1)
+    nodes = np.empty(weights.shape[1], dtype=np.int64)
+    nodes[weights.indices[weights.indptr[single]]] = nodes_of[single]
+    order = np.empty_like(nodes_of)
+    order[nodes_of] = np.arange(len(nodes_of))
+    return Vertices(weights[order], nodes)

@@ -1,0 +1,385 @@
+"""Bodies that move in a few displacement fields only, which are found without a factor of their matrices.
+
+A linear answer needs far fewer displacements of a body than it has unknowns: those that its load patterns and
+the forces of its interfaces make, in all columns together. They are collected in a basis V of every body. The
+kernel is given V^T K V, V^T F and T V in place of K, F and T, and iterates as usual, on a body of some dozen
+unknowns. What its answer leaves of the equations of the body itself,
+
+    r = F + T^T W f - K V y,
+
+says how good the basis is, and one cycle of multigrid on the columns of r that matter says what to add to it:
+a block Krylov method whose projected problem, with all its laws and columns, the kernel solves. In the energy
+norm the answer is the best one in the basis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from latin_core import Laws, State, Structure
+
+from dolfinx_frontend.assembly.elements import csr, petsc_matrix
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel.multigrid import Multigrid, Spring, linear_shapes, multiplied, rigid_motions
+
+__all__ = ["Bodies", "Subspace"]
+
+Values = dict[str, Any]
+
+DEPENDENT = 1e-10
+"""A field that is left of so little by those before it is one of them."""
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A body: which of the unknowns are its, and its kernel description.
+
+    Attributes
+    ----------
+    own
+        Its unknowns among all.
+    values
+        Its members, springs and loads.
+    load
+        (n_b, l) right-hand sides of the load patterns.
+    reaction, energy
+        (n_b, l) Z^T K u0 and (l, l) u0^T K u0 of the members alone.
+    """
+
+    own: slice
+    values: Values
+    load: Array = field(repr=False)
+    reaction: Array = field(repr=False)
+    energy: Array = field(repr=False)
+
+
+class Bodies:
+    """All bodies of a description, as one multigrid problem.
+
+    Parameters
+    ----------
+    problem
+        Assembled scene, on one rank.
+    bodies, interfaces
+        As the kernel is given them, see ``bridge.Description``.
+
+    Raises
+    ------
+    SceneError
+        The stiffness of a part varies, which a fixed basis does not know.
+    """
+
+    def __init__(self, problem: Problem, bodies: Sequence[Values], interfaces: Sequence[Values]) -> None:
+        self.problem = problem
+        self.interfaces = interfaces
+        sizes = np.cumsum([0] + [each["size"] for each in bodies])
+        self.size = int(sizes[-1])
+        self.loads = bodies[0]["members"][0]["load"].shape[1]
+        self.place = {
+            member["name"]: (b, member) for b, each in enumerate(bodies) for member in each["members"]
+        }
+        self.pieces: list[_Piece] = []
+        blocks = []
+        for each, first, last in zip(bodies, sizes, sizes[1:], strict=False):
+            blocks.append(self._add_body(each, slice(int(first), int(last))))
+        matrix = _diagonal(blocks)
+        del blocks
+        self.traces = {
+            each["name"]: [self._trace(each, side) for side in each["sides"]] for each in interfaces
+        }
+        self.between = [self._spring(each) for each in interfaces]
+        matrix.eliminate_zeros()
+        self.matrix = petsc_matrix(matrix)
+        del matrix
+        prolongations = {
+            member["name"]: _placed(member["prolongation"], piece.own, self.size)
+            for piece in self.pieces
+            for member in piece.values["members"]
+        }
+        self.rigid = rigid_motions(problem, prolongations)
+        shapes = linear_shapes(problem, prolongations)
+        self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between)
+
+    # -- pieces --------------------------------------------------------------------------------
+    def _add_body(self, values: Values, own: slice) -> sp.csr_matrix:
+        """The matrix of a body with the springs inside it."""
+        size, loads = own.stop - own.start, self.loads
+        total = sp.csr_matrix((size, size))
+        load, reaction, energy = np.zeros((size, loads)), np.zeros((size, loads)), np.zeros((loads, loads))
+        for member in values["members"]:
+            if "of_stiffness" in member or "stretch" in member:
+                raise SceneError(
+                    f"backend 'multigrid': the stiffness of substructure {member['name']!r} varies, which "
+                    "its basis does not know: use backend 'cholmod'"
+                )
+            Z, K = member["prolongation"], csr(member["stiffness"])
+            load += Z.T @ member["load"]
+            if member["offset"] is not None:
+                pulled = K @ member["offset"]
+                reaction += Z.T @ pulled
+                energy += member["offset"].T @ pulled
+            own_part = Z.T @ (K @ Z)
+            del K
+            total = own_part if total.nnz == 0 else total + own_part
+            del own_part
+        load -= reaction
+        for spring in values["springs"]:
+            jump, offset = sp.csr_matrix((len(spring["stiffness"]), size)), np.zeros_like(spring["jump"])
+            for side, trace in enumerate(local_traces(spring)):
+                member = values["members"][spring["members"][side]]
+                sign = 1.0 if side else -1.0
+                jump = jump + sign * (trace @ member["prolongation"])
+                if member["offset"] is not None:
+                    offset = offset + sign * (trace @ member["offset"])
+            stiffness = spring["stiffness"]
+            total = total + jump.T @ sp.diags(stiffness) @ jump
+            load += jump.T @ (stiffness[:, None] * (spring["jump"] - offset))
+        self.pieces.append(_Piece(own, values, load, reaction, energy))
+        return total.tocsr()
+
+    def _trace(self, interface: Values, side: Values) -> sp.csr_matrix:
+        """Local trace (rows, n) of a side on the unknowns of all bodies."""
+        body, member = self.place[side["member"]]
+        trace = _local(interface["frames"], len(interface["weights"]), side["trace"]) @ member["prolongation"]
+        return _placed(trace, self.pieces[body].own, self.size)
+
+    def _spring(self, interface: Values) -> Spring:
+        """What an active interface is in the matrix: its mean stiffness, else its search direction."""
+        law, traces = self.problem.interfaces[interface["name"]].law, self.traces[interface["name"]]
+        points = len(interface["weights"])
+        components = len(interface["frames"]) // points
+        weights = np.repeat(interface["weights"], components)
+        if not law.springs:
+            stiff = np.concatenate([weights * side["direction"] for side in interface["sides"]])
+            return Spring(sp.vstack(traces, format="csr"), stiff)
+        scene = self.problem.interfaces[interface["name"]]
+        kappa = law.stiffnesses(scene)[:, :components].ravel()
+        jump = -traces[0] if len(traces) == 1 else traces[1] - traces[0]
+        return Spring(jump.tocsr(), weights * kappa)
+
+    # -- products ------------------------------------------------------------------------------
+    def product(self, block: Array) -> Array:
+        """The matrices of the bodies, with the springs inside them and without those between, times (n,
+        c)."""
+        return multiplied(self.matrix, block)
+
+
+@dataclass(frozen=True)
+class Subspace:
+    """A basis of the displacements of every body.
+
+    Attributes
+    ----------
+    bodies
+        What they are bodies of.
+    fields, products
+        For every body: V (n_b, m) and K V with the springs inside the body.
+    """
+
+    bodies: Bodies
+    fields: tuple[Array, ...] = field(repr=False)
+    products: tuple[Array, ...] = field(repr=False)
+
+    @classmethod
+    def of(cls, bodies: Bodies) -> Subspace:
+        """Rigid motions, and what the load patterns do to all bodies joined by springs."""
+        load = np.concatenate([piece.load for piece in bodies.pieces])
+        empty = tuple(np.zeros((piece.own.stop - piece.own.start, 0), order="F") for piece in bodies.pieces)
+        found = cls(bodies, empty, empty).with_fields(bodies.rigid)
+        loaded = np.flatnonzero(np.any(load, axis=0))
+        return found.with_fields(bodies.multigrid.cycle(load[:, loaded])) if loaded.size else found
+
+    @property
+    def count(self) -> int:
+        """Fields of all bodies."""
+        return sum(each.shape[1] for each in self.fields)
+
+    def with_fields(self, block: Array) -> Subspace:
+        """The basis and what a block of displacements (n, c) adds to it, orthonormal in energy.
+
+        What the basis has is taken out before anything is multiplied by K: what is left may be small beside it.
+        """
+        bodies = self.bodies
+        block = np.array(block, order="F")
+        springs = [
+            [Spring(each.jump[:, piece.own], each.stiffness) for each in bodies.between]
+            for piece in bodies.pieces
+        ]
+        taken = []
+        for b, piece in enumerate(bodies.pieces):
+            V, X = self.fields[b], block[piece.own]
+            shares = self.products[b].T @ X
+            for each in springs[b]:
+                shares += each.forces(V).T @ X
+            block[piece.own] = X - V @ shares
+            taken.append(np.einsum("ij,ij->j", shares, shares))
+        product = bodies.product(block)
+        fields, products = [], []
+        for b, piece in enumerate(bodies.pieces):
+            V, KV, X, KX = self.fields[b], self.products[b], block[piece.own], product[piece.own]
+            pulled = KX + sum(each.forces(X) for each in springs[b])
+            shares = V.T @ pulled
+            gram = X.T @ pulled - shares.T @ shares
+            scale = np.sqrt(np.maximum(taken[b] + np.abs(np.diag(gram)), np.finfo(float).tiny))
+            values, vectors = np.linalg.eigh(0.5 * (gram + gram.T) / np.outer(scale, scale))
+            chosen = values > DEPENDENT
+            turned = (vectors[:, chosen] / np.sqrt(values[chosen])) / scale[:, None]
+            shares = shares @ turned
+            fields.append(np.asfortranarray(np.hstack([V, X @ turned - V @ shares])))
+            products.append(np.asfortranarray(np.hstack([KV, KX @ turned - KV @ shares])))
+        return Subspace(bodies, tuple(fields), tuple(products))
+
+    # -- for the kernel ------------------------------------------------------------------------
+    def described(self) -> tuple[list[Values], list[Values]]:
+        """Bodies and interfaces for the kernel, as those that the basis is of."""
+        names = [piece.values["members"][0]["name"] for piece in self.bodies.pieces]
+        found = [self._body(b, name) for b, name in enumerate(names)]
+        interfaces = []
+        for each in self.bodies.interfaces:
+            sides = []
+            for side in each["sides"]:
+                body, member = self.bodies.place[side["member"]]
+                trace = csr(side["trace"]) @ self._motions(body, member)
+                sides.append({**side, "member": names[body], "trace": petsc_matrix(sp.csr_matrix(trace))})
+            interfaces.append({**each, "sides": sides})
+        return found, interfaces
+
+    def _given(self, body: int) -> bool:
+        members = self.bodies.pieces[body].values["members"]
+        return any(member["offset"] is not None for member in members)
+
+    def _motions(self, body: int, member: Values) -> Array:
+        """[Z V, u0] (n_e, m [+ l]) of a member."""
+        moved = member["prolongation"] @ self.fields[body]
+        if not self._given(body):
+            return np.asarray(moved)
+        offset = member["offset"]
+        nothing = np.zeros((len(moved), self.bodies.loads))
+        return np.hstack([moved, nothing if offset is None else offset])
+
+    def _body(self, body: int, name: str) -> Values:
+        piece, V = self.bodies.pieces[body], self.fields[body]
+        m, loads, given = V.shape[1], self.bodies.loads, self._given(body)
+        stiffness = V.T @ self.products[body]
+        springs = []
+        for each in piece.values["springs"]:
+            members = [piece.values["members"][at] for at in each["members"]]
+            motions = [self._motions(body, member) for member in members]
+            traces = [sp.csr_matrix(csr(t) @ u) for t, u in zip(each["traces"], motions, strict=True)]
+            local = [
+                _local(each["frames"], _points(each), petsc_matrix(trace))[:, :m] for trace in traces
+            ]
+            jump = -local[0] if len(local) == 1 else local[1] - local[0]
+            stiffness -= (jump.T @ sp.diags(each["stiffness"]) @ jump).toarray()
+            own = {"members": [0] * len(traces), "traces": [petsc_matrix(t) for t in traces]}
+            springs.append({**each, **own})
+        on_body = [member["prolongation"].T @ member["load"] for member in piece.values["members"]]
+        load: Array = V.T @ sum(on_body)
+        made: Values = {"name": name, "prolongation": None, "offset": None}
+        if given:
+            mixed = V.T @ piece.reaction
+            stiffness = np.block([[stiffness, mixed], [mixed.T, piece.energy]])
+            of_given = sum(
+                member["offset"].T @ member["load"]
+                for member in piece.values["members"]
+                if member["offset"] is not None
+            )
+            load = np.vstack([load, of_given])
+            made["prolongation"] = sp.eye(m + loads, m, format="csr")
+            made["offset"] = np.asfortranarray(np.eye(m + loads, loads, -m))
+        made["stiffness"] = petsc_matrix(sp.csr_matrix(0.5 * (stiffness + stiffness.T)))
+        made["load"] = np.asfortranarray(load)
+        return {"name": piece.values["name"], "size": m, "members": [made], "springs": springs}
+
+    def expanded(self, fields: Mapping[str, Array]) -> dict[str, Array]:
+        """Displacements (n, c) of the parts, of what the kernel says of its bodies."""
+        out = {}
+        for body, piece in enumerate(self.bodies.pieces):
+            own = fields[piece.values["members"][0]["name"]]
+            m = self.fields[body].shape[1]
+            moved = self.fields[body] @ own[:m]
+            for member in piece.values["members"]:
+                u = member["prolongation"] @ moved
+                if member["offset"] is not None:
+                    u += member["offset"] @ own[m:]
+                out[member["name"]] = np.asfortranarray(u)
+        return out
+
+    def _moved(self, fields: Mapping[str, Array]) -> Array:
+        """The unknowns (n, c) of all bodies, of what the kernel says of them."""
+        names = [piece.values["members"][0]["name"] for piece in self.bodies.pieces]
+        return np.concatenate(
+            [V @ fields[name][: V.shape[1]] for V, name in zip(self.fields, names, strict=True)]
+        )
+
+    # -- how good it is ------------------------------------------------------------------------
+    def residual(self, core: Structure, laws: Laws, state: State, amplitudes: Array) -> tuple[Array, Array]:
+        """What an answer leaves of the equations of the bodies, (n, c), and its energies (c)."""
+        bodies = self.bodies
+        fields = core.displacements(laws, state, amplitudes)
+        out = np.empty((bodies.size, amplitudes.shape[1]), order="F")
+        energies = np.zeros(amplitudes.shape[1])
+        for body, piece in enumerate(bodies.pieces):
+            own = fields[piece.values["members"][0]["name"]]
+            m = self.fields[body].shape[1]
+            out[piece.own] = piece.load @ amplitudes - self.products[body] @ own[:m]
+            strained = csr(self._body(body, "")["members"][0]["stiffness"])
+            energies += np.einsum("ij,ij->j", own, strained @ own)
+        moved = self._moved(fields)
+        for spring in bodies.between:
+            energies += spring.stiffness @ (spring.jump @ moved) ** 2
+        # of the body, not of the law: they are in equilibrium with the basis, however far the iteration is
+        force = core.global_stage(laws, np.asfortranarray(state.data), np.asfortranarray(amplitudes))
+        force = np.asarray(core.weights)[:, None] * (
+            state.data - np.asarray(core.directions)[:, None] * force
+        )
+        for each in bodies.interfaces:
+            rows = core.first_rows(each["name"])
+            for first, trace in zip(rows, bodies.traces[each["name"]], strict=True):
+                out += trace.T @ force[first : first + trace.shape[0]]
+        return out, np.abs(energies)
+
+
+def _points(spring: Values) -> int:
+    return int(spring["traces"][0].getSize()[0] // spring["frames"].shape[1])
+
+
+def local_traces(spring: Values) -> list[sp.csr_matrix]:
+    """The traces of a spring in its local frame."""
+    return [_local(spring["frames"], _points(spring), trace) for trace in spring["traces"]]
+
+
+def _local(frames: Array, points: int, trace: Any) -> sp.csr_matrix:
+    """A trace (d points, n) of global components in the frames (components points, d)."""
+    d = frames.shape[1]
+    components = len(frames) // points
+    blocks = frames.reshape(points, components, d)
+    turned = sp.bsr_matrix((blocks, np.arange(points), np.arange(points + 1)), (len(frames), d * points))
+    return (turned.tocsr() @ csr(trace)).tocsr()
+
+
+def _diagonal(blocks: list[sp.csr_matrix]) -> sp.csr_matrix:
+    """Blocks on the diagonal of one matrix; SciPy's own way takes ten times its memory."""
+    if len(blocks) == 1:
+        return blocks[0]
+    sizes = np.cumsum([0] + [block.shape[0] for block in blocks])
+    counts = np.cumsum([0] + [block.nnz for block in blocks])
+    starts = [block.indptr[1:].astype(np.int64) + count for block, count in zip(blocks, counts, strict=False)]
+    columns = [block.indices + size for block, size in zip(blocks, sizes, strict=False)]
+    data = np.concatenate([block.data for block in blocks])
+    parts = (data, np.concatenate(columns), np.concatenate([[0], *starts]))
+    return sp.csr_matrix(parts, shape=(sizes[-1], sizes[-1]))
+
+
+def _placed(matrix: sp.csr_matrix, columns: slice, size: int) -> sp.csr_matrix:
+    """A matrix whose columns are some of `size`."""
+    matrix = matrix.tocsr()
+    return sp.csr_matrix(
+        (matrix.data, matrix.indices + columns.start, matrix.indptr), shape=(matrix.shape[0], size)
+    )

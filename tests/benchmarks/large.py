@@ -1,0 +1,147 @@
+"""A vessel too large for a factor: one linear solution by every solver, and the whole random answer.
+
+``./run bench large --unknowns N --json FILE`` meshes the bolted vessel with about N unknowns and writes
+
+* ``unknowns``, ``unit_s``: seconds of one solution of the assembled structure by the fastest of CHOLMOD,
+  MUMPS and conjugate gradients with GAMG (to a residual of 1e-6), and ``unit_solver``; ``solvers``: all of them,
+  with the peak memory beyond the assembled matrix, or why there is none;
+* ``pce_units``, ``pce_s``: order-3 chaos of joint and screw in units, from the matrices of the parts to the
+  coefficients of all displacements, by the backend that the plan takes (``pce_backend``), to an energy error
+  of ``error`` (estimated; up to 250 000 unknowns ``true_error``, against SSFEM converged to 1e-11);
+* ``sweep_units``: the 13 x 7 parameter sets, where a factor fits into the memory, else None;
+* ``peak_gb``: largest resident memory of the process of the chaos, with its mesh and matrices.
+
+Every solver runs once, in a process of its own. Seconds are those of the processor, which on one thread of a
+quiet machine are those of the clock (``wall_s``); on a machine that others work on they vary less. A direct
+solver that is predicted to need more than ``--memory`` GB is left out, and the record says so.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+from time import process_time
+from typing import Any
+
+import common
+import performance
+from performance import Memory, deterministic, vessel_problem
+
+from dolfinx_frontend import Chaos, Options, make_plan, reference, solve, sweep
+from dolfinx_frontend.reference.multigrid import Aggregation
+
+SOLVERS = ("cholmod", "mumps", "gamg")
+RTOL = 4e-5
+CUBE = 1.02e7
+"""Unknowns of the vessel times the cube of the size of its cells, mm^3."""
+
+
+def one(method: str, size: float, rtol: float, backend: str) -> dict[str, Any]:
+    """One solver on one mesh, in a process that does nothing else."""
+    demo, problem = vessel_problem(str(size))
+    record: dict[str, Any] = {"method": method, "unknowns": problem.size}
+    chaos = Chaos(performance.ORDER, check_points=0)
+    if method in SOLVERS:
+        fixed = deterministic(demo, problem)
+        [(body, only, load)] = reference.Monolithic(fixed).systems(fixed.laws())
+        only.eliminate_zeros()
+        for part in fixed.substructures.values():
+            part.__dict__.pop("matrix", None)  # a copy that is not needed any more
+        once = [only]
+        del only
+
+        def call() -> Any:
+            matrix = once.pop()
+            if method == "gamg":
+                return Aggregation(fixed, body, matrix).solve(load)
+            return reference.Cholesky(matrix, method).solve(load, refine=False)
+
+    elif method == "pce":
+
+        def call() -> Any:
+            options = Options(rtol=rtol, backend=backend)
+            result = solve(problem, chaos=chaos, options=options)
+            return result, demo.all_modes(result)
+
+    else:
+        fixed = deterministic(demo, problem)
+        grid = demo.stiffnesses(demo.XI_SCREW, demo.XI_JOINT)
+        plan = make_plan(fixed, vary={"joint", "screw"}, options=Options(rtol=performance.SWEEP_RTOL))
+
+        def call() -> Any:
+            return sweep(fixed, grid, plan=plan, progress=False)
+
+    small = vessel_problem("coarse")[1]
+    reference.monolithic(small.with_laws({}))  # libraries are loaded
+    memory, began = Memory(), process_time()
+    found = common.timed(call, 1)
+    record |= {"seconds": process_time() - began, "wall_s": found.seconds, "peak_gb": 1e-9 * memory.peak()}
+    record["whole_peak_gb"] = 1e-6 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    if method == "pce":
+        result, modes = found.value
+        record |= {"error": result.error, "iterations": result.iterations, "spent": result.spent()}
+        record["backend"] = result.plan.options.backend
+        record["setup_s"] = result.seconds["setup"]
+        if result.solver.space is not None:
+            record["fields"] = result.solver.space.count
+        if problem.size <= performance.EXACT_UP_TO:
+            exact = reference.ssfem(problem, chaos, rtol=1e-11)
+            record["true_error"] = float(reference.energy_error(problem, modes, exact.coefficients))
+    return record
+
+
+def in_process(*arguments: str) -> dict[str, Any]:
+    """What this file says when it is run with these arguments; a record of its failure if it fails."""
+    run = subprocess.run([sys.executable, __file__, *arguments], stdout=subprocess.PIPE, text=True)
+    if run.returncode:
+        return {"method": arguments[1], "failed": f"ended with {run.returncode}"}
+    return dict(json.loads(run.stdout.splitlines()[-1]))
+
+
+def main() -> None:
+    """Measure, print and write."""
+    parser = common.parser("large", __doc__)
+    parser.add_argument("--unknowns", type=float, default=100_000, help="about so many")
+    parser.add_argument("--memory", type=float, default=14.0, help="GB that a direct solver may need")
+    parser.add_argument("--rtol", type=float, default=RTOL, help="tolerance of the chaos")
+    parser.add_argument("--backend", default="automatic", help="of the chaos")
+    parser.add_argument("--only", nargs="*", default=[*SOLVERS, "pce", "sweep"], help="what is run")
+    parser.add_argument("--one", nargs=2, metavar=("METHOD", "SIZE"), help="in this process")
+    options = parser.parse_args()
+    if options.one:
+        print(json.dumps(one(options.one[0], float(options.one[1]), options.rtol, options.backend)))
+        return
+    size = f"{(CUBE / options.unknowns) ** (1.0 / 3.0):.4g}"
+    predicted = 1.3 * 8e-9 * 15.0 * options.unknowns ** (4.0 / 3.0)
+    record: dict[str, Any] = {"benchmark": "large", "size": size, "commit": common.commit(), "solvers": {}}
+    for method in options.only:
+        if method in ("cholmod", "mumps", "sweep") and predicted > options.memory:
+            found: dict[str, Any] = {"method": method, "failed": f"needs about {predicted:.3g} GB"}
+        else:
+            settings = ("--rtol", str(options.rtol), "--backend", options.backend)
+            found = in_process("--one", method, size, *settings)
+        record["solvers"][method] = found
+        print(json.dumps(found), flush=True)
+    done = {name: each for name, each in record["solvers"].items() if "seconds" in each}
+    units = {name: done[name]["seconds"] for name in SOLVERS if name in done}
+    if units:
+        record["unit_solver"] = min(units, key=lambda name: units[name])
+        record["unit_s"] = units[record["unit_solver"]]
+    for name in ("pce", "sweep"):
+        seconds = done[name]["seconds"] if name in done else None
+        record[f"{name}_s"] = seconds
+        record[f"{name}_units"] = seconds / record["unit_s"] if units and seconds is not None else None
+    if "pce" in done:
+        pce = done["pce"]
+        record |= {key: pce[key] for key in ("unknowns", "error", "true_error") if key in pce}
+        record |= {"peak_gb": pce["whole_peak_gb"], "pce_backend": pce["backend"]}
+    record["environment"] = common.environment()
+    shown = ("unknowns", "unit_solver", "unit_s", "pce_units", "sweep_units", "peak_gb", "error")
+    print(", ".join(f"{key} {record[key]}" for key in shown if key in record))
+    common.write_json(record, options.json)
+
+
+if __name__ == "__main__":
+    main()
