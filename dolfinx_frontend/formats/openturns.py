@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
@@ -20,6 +21,8 @@ from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["function_of", "to_openturns"]
+
+_log = logging.getLogger(__name__)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -312,11 +315,19 @@ def function_of(
     """
     ot = openturns()
 
+    def told(function: Callable[[Array], Array], points: Array) -> Array:
+        try:
+            return function(points)
+        except Exception as error:
+            _log.error("%s", error)  # OpenTURNS raises "Python exception" and drops what was said
+            raise
+
     def at(points: Any) -> Array:
-        return call(np.array(points, dtype=np.float64).reshape(-1, len(inputs)))
+        return told(call, np.array(points, dtype=np.float64).reshape(-1, len(inputs)))
 
     def slopes(point: Any) -> list[list[float]]:
-        return [[float(each) for each in row] for row in gradient(np.array(point, dtype=np.float64)).T]
+        found = told(gradient, np.array(point, dtype=np.float64))
+        return [[float(each) for each in row] for row in found.T]
 
     function = ot.PythonFunction(
         len(inputs), len(outputs), func=lambda point: at([point])[0], func_sample=at, gradient=slopes

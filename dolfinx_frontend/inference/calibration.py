@@ -33,6 +33,8 @@ FAR = 5.0
 """Deviations of the prior, and of the noise, that no explanation needs."""
 MOVED = 1.0
 """Deviations of the prior by which a direction that the data say little of may move."""
+NOISY = 0.1
+"""Error of a solve over the noise above which it is said."""
 UNIT = 1.5
 """Data that are 1000 times the prediction but for this factor look like a wrong unit."""
 
@@ -390,6 +392,7 @@ def _least_squares(function: ProblemFunction, data: Data) -> Fit:
         )
     if told := _unit(first, data.means):
         warn(f"calibrate: the data{told.removeprefix(': they')}", SceneWarning)
+    _check_errors(function, data, values)
     return Fit(
         dict(zip(function.inputs, values.tolist(), strict=True)),
         dict(zip(function.inputs, std.tolist(), strict=True)),
@@ -409,6 +412,21 @@ def _unit(predicted: Array, means: Array) -> str:
             times = f"{factor:g} times" if factor > 1.0 else f"1/{1.0 / factor:g} of"
             return f": they are about {times} the prediction: are they in the units of the scene?"
     return ""
+
+
+def _check_errors(function: ProblemFunction, data: Data, x: Array) -> None:
+    """Warn of a noise that the solves themselves have."""
+    found = function.evaluate(x[None])
+    error = float(found.error[0]) * np.abs(found.values[0])
+    for name, own, noise in zip(function.outputs, error, data.noise, strict=True):
+        if own > NOISY * noise:
+            enough = max(function.plan.options.rtol * NOISY * noise / own, 1e-13)
+            warn(
+                f"calibrate: the error of a solve, about {own:.2g} of {name}, is not small beside the noise of "
+                f"its mean, {noise:.2g}: give options=Options(rtol={enough:.0e}), or a noise that includes what "
+                "the model leaves out",
+                SceneWarning,
+            )
 
 
 def _told(predicted: Array, means: Array, of: str) -> str:
@@ -435,6 +453,7 @@ def _bayes(function: ProblemFunction, data: Data, count: int, generator: np.rand
         )
     if told := _unit(first, data.means):
         warn(f"calibrate: the data{told.removeprefix(': they')}", SceneWarning)
+    _check_errors(function, data, u)
     inverse = covariance_of(jacobian)
     peaks = [(each, covariance_of(slopes)) for each, _, slopes in modes]
     scores, weights, evidence = weighted(model, peaks, count, generator)

@@ -19,6 +19,7 @@ from scipy import optimize, stats
 from dolfinx_frontend.common.arrays import Array
 
 __all__ = [
+    "LOST",
     "Cut",
     "DesignPoint",
     "Limit",
@@ -39,6 +40,8 @@ KNOWN = 0.05
 """Distance to a known design point, relative to that from the origin, at which a search leads to it."""
 SHORTEST = 1e-3
 """Of a step of the line search."""
+LOST = -1e-300
+"""Margin where there is no answer: the event is taken to happen there, and a search keeps away."""
 FARTHEST = 30.0
 """Deviations: Phi(-38) is the smallest double, and steps go a little beyond."""
 
@@ -66,7 +69,7 @@ class Limit(Protocol):
         """g (N, k) at points (N, L)."""
 
     def slopes(self, u: Array) -> Array:
-        """dg/du (k, L) at a point (L,)."""
+        """dg/du (k, L) at a point (L,); NaN where there is no answer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +189,10 @@ def design_point(
         while True:
             trial = u + share * step
             found = limit.margins(trial[None])[0, which]
-            if merit(trial, found) < before - 1e-4 * share * length * length or share < SHORTEST:
+            answered = not np.any(found == LOST)
+            if answered and merit(trial, found) < before - 1e-4 * share * length * length:
+                break
+            if share < SHORTEST:
                 break
             share *= 0.5 if share > 0.2 else 0.1
         if share < SHORTEST:
@@ -196,7 +202,7 @@ def design_point(
             beyond = u + min(length, 0.05) * step / length
             other = limit.slopes(beyond)[which]
             size = np.linalg.norm(other, axis=1)
-            if not np.all(size > 0.0):
+            if not np.all((size > 0.0) & np.isfinite(size)):
                 break
             there = limit.margins(beyond[None])[0, which]
             kept.append((there / size, other / size[:, None], beyond))

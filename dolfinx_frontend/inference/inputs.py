@@ -12,10 +12,12 @@ from latin_core import SweptParameter
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known, checked_names, is_real
+from dolfinx_frontend.common.checks import check_known, checked_names
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.plan import Plan, check_keeps, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.acting import mean_number
+from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.solvers.sampling import sampled_values
 from dolfinx_frontend.solvers.sweep import swept_parts, swept_targets, swept_term, swept_values
 from dolfinx_frontend.uncertainty.expressions import Operand
@@ -96,6 +98,8 @@ class Inputs:
                     "function: nothing is random: give a law or a load a random value, or name the inputs of "
                     "the function, e.g. inputs=['joint.normal']"
                 )
+        if not given:
+            raise SceneError("function: inputs = []: name one at least; None: all that is random")
         twice = [n for k, n in enumerate(given) if n in given[:k]]
         if twice:
             raise SceneError(f"function: input {twice[0]!r} is there twice")
@@ -223,15 +227,27 @@ class Inputs:
         return np.asarray(STEP * sizes)
 
     def _nominal(self, name: str) -> float:
-        """What a parameter is in the scene; 0: not known."""
-        problem = self.problem
-        every = {**problem.law_parameters, **problem.load_parameters, **problem.part_parameters}
-        value = every.get(name)
-        found: Any = value if is_real(value) else getattr(value, "mean", 0.0)
-        return float(found or 0.0)
+        """What a parameter is in the scene; what changes in time, beside its amplitude; 0: not known."""
+        problem, target = self.problem, self.direct[name]
+        if target[0] in problem.loads:
+            return float(mean_number(problem, swept_term(problem, *target))[0])
+        value: Any = {**problem.law_parameters, **problem.part_parameters}.get(name)
+        if isinstance(value, Varying):
+            value = value.terms[0][1]
+        if isinstance(value, Operand):
+            return float(value.mean)
+        if callable(value):
+            value = value(problem.interfaces[target[0]].points)
+        try:
+            return float(np.mean(np.array(value, dtype=np.float64)))
+        except (TypeError, ValueError):
+            return 0.0
 
     def nominal(self) -> Array:
-        """(inputs,) where everything has the value of the scene, what is random its mean or median score."""
+        """(inputs,) where everything has the value of the scene, what is random its mean or median score.
+
+        Of a value that differs from point to point its mean over the points.
+        """
         found = np.zeros(self.dimension)
         space = self.random.space
         means = space.germ_points({})[0] if space.dimension else np.zeros(0)

@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.inference.design import Cut
+from dolfinx_frontend.inference.design import LOST, Cut
 from dolfinx_frontend.inference.events import Event
 from dolfinx_frontend.inference.function import ProblemFunction, problem_function
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
@@ -27,7 +27,7 @@ class ProblemLimit:
     event, function
         What happens, and its conditions as a function of standard normal scores.
     lost
-        Points that did not converge: the event is taken to happen there.
+        Samples that did not converge: the event is taken to happen there.
     points, slopes_made
         Points and derivatives that were asked for.
     """
@@ -72,7 +72,8 @@ class ProblemLimit:
                 "let its "
                 "quantities be finite wherever the random numbers can be"
             )
-        if not good.all():
+        values[~good] = LOST
+        if not good.all() and len(u) > 1:  # a search, point by point, keeps away
             self.lost += int((~good).sum())
             self.places |= {str(each) for each in found.places[~good] if each}
             if self.lost > max(MOST_LOST * self.points, 5):
@@ -82,11 +83,12 @@ class ProblemLimit:
                     + f", the last at {self.where(u[np.flatnonzero(~good)[-1]])}: raise "
                     "options=Options(max_iterations=...) or lower rtol"
                 )
-            values[~good] = -1e-300
         return values
 
     def slopes(self, u: Array) -> Array:
-        """Derivatives (k, L) of the conditions at scores (L,)."""
+        """Derivatives (k, L) of the conditions at scores (L,); NaN where the solve did not converge."""
+        if not self.function.evaluate(u[None]).converged[0]:
+            return np.full((len(self.event.conditions), self.dimension), np.nan)
         found = self.function.derivatives(u)
         self.slopes_made += 1
         self.kinks += int(found.kinks.any())

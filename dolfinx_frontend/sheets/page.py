@@ -19,7 +19,7 @@ color:#16202c;max-width:88em;margin:1.5em auto;padding:0 1.2em}
 h1{font-size:1.6em;margin:0}h2{font-size:1.15em;margin:1.8em 0 .5em;border-bottom:2px solid var(--line)}
 h3{font-size:1em;margin:1.2em 0 .3em}
 .sub,.note,.err{color:var(--grey)}.sub{margin:.2em 0 1em}
-.err{font-size:.78em;display:block;white-space:nowrap}
+.err{font-size:.78em;display:block;white-space:pre}
 .low{display:block;font-size:.82em;color:#394656;white-space:nowrap}
 .verdict{border-left:6px solid var(--ok);background:#f1f8f3;padding:.7em 1em;margin:.5em 0;font-size:1.12em}
 .verdict.bad{border-color:var(--red);background:#fdf1ea}

@@ -256,10 +256,10 @@ def report(
 
 
 def _positive(what: str, given: Any, names: list[str], least: bool = False) -> dict[str, float]:
-    if given is not None and not isinstance(given, Mapping):
-        checked_number("report", what, given, least=0.0, above=-1.0 if least else 0.0)
-    found = by_pattern("report", what, given, names)
     bound: dict[str, float] = {"least": 0.0} if least else {"above": 0.0}
+    if given is not None and not isinstance(given, Mapping):
+        checked_number("report", what, given, **bound)
+    found = by_pattern("report", what, given, names)
     return {n: checked_number(f"report, {what} of {n!r}", "value", v, **bound) for n, v in found.items()}
 
 
@@ -359,7 +359,7 @@ def _error(row: Row, statistic: str, zero: float) -> str:
     for name, error in (("it.", row.algebra[statistic]), ("mesh", row.mesh[statistic])):
         if np.isfinite(error):
             shown.append(f"{name} {_short(error, zero)}")
-    return "± " + ", ".join(shown) if shown else ""
+    return "± " + "\n".join(shown) if shown else ""  # one below the other: the table is wide enough
 
 
 def _short(error: float, zero: float) -> str:

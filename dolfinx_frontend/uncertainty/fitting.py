@@ -300,7 +300,7 @@ def _fitted(
         family = CANDIDATES[name]
         try:
             law = family.fit(ot, scaled)
-            own = _distances(law, scaled)
+            own = _distances(ot, law, scaled)
             seeds = rng.integers(2**31, size=resamples)
             drawn = [_drawn(ot, family, law, count, int(s)) for s in seeds]
         except (TypeError, ValueError, RuntimeError) as error:
@@ -344,16 +344,17 @@ def _drawn(ot: Any, family: _Family, law: Any, count: int, seed: int) -> Array |
     finally:
         ot.RandomGenerator.SetState(state)
     try:
-        return _distances(family.fit(ot, values), values)
+        return _distances(ot, family.fit(ot, values), values)
     except (TypeError, ValueError, RuntimeError):
         return None
 
 
-def _distances(law: Any, values: Array) -> Array:
+def _distances(ot: Any, law: Any, values: Array) -> Array:
     """Kolmogorov's D and Anderson and Darling's A^2 of values from a distribution."""
     ordered = np.sort(values)
-    below = np.array([law.computeCDF(v) for v in ordered])
-    above = np.array([law.computeComplementaryCDF(v) for v in ordered])
+    sample = ot.Sample(ordered[:, None])
+    below = np.array(law.computeCDF(sample)).ravel()
+    above = np.array(law.computeComplementaryCDF(sample)).ravel()
     n = len(ordered)
     steps = np.arange(n + 1) / n
     kolmogorov = max(float((steps[1:] - below).max()), float((below - steps[:-1]).max()))

@@ -105,7 +105,7 @@ def history() -> ProblemFunction:
     scene = blocks(lf.Contact(friction=0.15, stiffness=1e4))
     cycle = lf.Amplitude([0.0, 1.0, 2.0], [0.0, 1.0, -0.5])
     scene.force("cover:z1", (0.0, 0.0, -1500.0), name="press")
-    scene.force("cover:z1", (cycle * 300.0, 0.0, 0.0), name="shear")
+    scene.force("cover:z1", (cycle * 270.0, 0.0, 0.0), name="shear")  # slips, between two kinks
     problem = lf.assemble(scene)
     inputs = ["joint.friction", "press.z", "shear.x", "joint.stiffness"]
 
@@ -145,7 +145,7 @@ def test_derivatives_are_those_of_solves(made: Callable[[], ProblemFunction]) ->
     x = function.nominal
     x = np.where(x == 0.0, 0.3, x)
     found = function.derivatives(x)
-    assert not found.kinks.any() and found.residual < 1e-8
+    assert not found.kinks.any() and found.residual < 3e-7  # what is aimed at, of the slopes themselves
     value = np.abs(function(x))
     for k, size in enumerate(np.abs(x)):
         away = STEP * size * np.eye(len(x))[k]
@@ -171,6 +171,7 @@ def test_bad_input(problem: lf.Problem, function: ProblemFunction) -> None:
         (lambda: problem.function("joints"), "joints"),
         (lambda: problem.function("joint", ["bolt.normla"]), "unknown input 'bolt.normla'"),
         (lambda: problem.function("joint", ["K", "K"]), "'K' is there twice"),
+        (lambda: problem.function("joint", []), "name one at least"),
         (lambda: problem.function([]), "give one at least"),
         (lambda: problem.function(["joint", "joint"]), "is there twice"),
         (lambda: problem.function("joint", coordinates="unit"), "coordinates"),
@@ -200,8 +201,24 @@ def test_a_random_number_can_be_given_by_the_parameter_that_it_is(problem: lf.Pr
     assert function(x)[:, 0] == pytest.approx(exact, rel=1e-8)
 
 
+def test_nominal_is_the_scene() -> None:
+    """Beside its amplitude what changes in time, the mean of what differs from point to point."""
+    on = lf.Amplitude([0.0, 1.0], [0.0, 1.0])
+    scene = blocks(lf.Contact(stiffness=lambda x: 1e4 + 0.0 * x[:, 0]))
+    scene.force("cover:z1", (0.0, 0.0, on * -1500.0), name="press")
+    scene.interface("shim", "base:z1", "cover:z0", lf.Elastic(normal=2.0, tangential=1.0, jump=on * -1e-3))
+    problem = lf.assemble(scene)
+    inputs = ["joint.stiffness", "press.z", "shim.jump", "cover.E"]
+    function = problem.function("joint", inputs, times=[0.5, 1.0], options=TIGHT)
+    assert function.nominal == pytest.approx([1e4, -1500.0, -1e-3, 200e3])
+    result = lf.solve(problem, times=[0.5, 1.0], options=TIGHT, progress=False)
+    assert function(function.nominal)[0] == pytest.approx(float(Response("joint").read(result)), rel=1e-8)
+
+
 @pytest.mark.skipif(find_spec("openturns") is None, reason="no OpenTURNS")
-def test_openturns_sees_values_and_gradient(function: ProblemFunction) -> None:
+def test_openturns_sees_values_and_gradient(
+    function: ProblemFunction, caplog: pytest.LogCaptureFixture
+) -> None:
     import openturns as ot
 
     own = function.openturns()
@@ -211,6 +228,9 @@ def test_openturns_sees_values_and_gradient(function: ProblemFunction) -> None:
     assert list(own.getInputDescription()) == ["K", "D", "Q"]
     sample = ot.Sample([x, 1.1 * x])
     assert np.array(own(sample)) == pytest.approx(function(np.array([x, 1.1 * x])))
+    with pytest.raises(RuntimeError):
+        own(-x)
+    assert "cannot take the value -50000" in caplog.text  # what OpenTURNS drops
 
 
 def test_without_openturns_it_says_how_to_get_it(

@@ -174,3 +174,22 @@ def test_tails_of_loads_that_are_bounded_or_heavy(load: Any, above: float, exact
     """The search for a design point goes where nothing changes any more, or numbers end."""
     found = reliability(rod(load), Response("layer") > above, level=0.999)
     assert found.probability.low <= exact <= found.probability.high and found.cov < 0.1
+
+
+def test_a_search_that_meets_points_without_an_answer() -> None:
+    """A first step ends where the layer is 1e10 times too soft to be solved; the search keeps away."""
+    layer, load = stats.weibull_min(3.0, scale=60.0), stats.gumbel_r(900.0, 80.0)
+    k, force = lf.FromDistribution("k", layer), lf.FromDistribution("F", load)
+    scene = lf.Scene()
+    for number, name in enumerate(("a", "b")):
+        box = geometry.box((20.0, 10.0, 10.0), (1, 1, 1), (20.0 * number, 0.0, 0.0), cell="hexahedron")
+        scene.substructure(name, box, lf.LinearElastic(200e3, 0.0), degree=1)
+    scene.fix("a:x0")
+    scene.interface("layer", "a:x1", "b:x0", lf.Elastic(normal=k, tangential=100.0))
+    scene.force("b:x1", (force, 0.0, 0.0), name="pull")
+    problem = lf.assemble(scene)
+    found = reliability(problem, Response(lf.AtPoint(problem, "b", (40.0, 5.0, 5.0), component="x")) > 3.0)
+    share = (np.arange(1_000_000) + 0.5) / 1e6
+    exact = float(load.sf(300.0 / (40.0 / 200e3 + 1.0 / layer.ppf(share))).mean())
+    assert found.probability.low <= exact <= found.probability.high and found.method == "importance"
+    assert found.lost == 0

@@ -237,7 +237,7 @@ def test_messages(tmp_path: Path) -> None:
     refused(lambda: lf.report(result, seals={"joint": -1.0}), "-1", "positive")
     refused(lambda: lf.report(result, seals="joint"), "give seals as")
     refused(lambda: lf.report(result, seals={"bolt.axial": 1.0}), "mean motions")
-    refused(lambda: lf.report(result, friction=-0.1), "friction", "-0.1")
+    refused(lambda: lf.report(result, friction=-0.1), "friction", "-0.1", "a finite number >= 0")
     refused(lambda: lf.report(result, stress_area={"bolt": 0.0}), "stress_area", "positive")
     refused(lambda: lf.report(result, units="mm"), "units", "('mm', 'N')")
     refused(lambda: lf.report(result, quantiles=[2.0]), "quantile")
