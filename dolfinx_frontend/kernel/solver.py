@@ -35,6 +35,7 @@ from dolfinx_frontend.common.frozen import ReadOnlyDict, read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupt
+from dolfinx_frontend.kernel.spread import PointRanks, one_answer
 from dolfinx_frontend.plan.plan import Plan
 
 __all__ = ["Solver"]
@@ -193,28 +194,37 @@ class Solver:
         keep_fields: bool = True,
         outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None = None,
         start: Mapping[int, State] | None = None,
+        ranks: PointRanks | None = None,
     ) -> SweepPoints:
-        """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept."""
+        """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept.
+
+        Parameters
+        ----------
+        ranks
+            That solve the points together, each on a solver of its own.
+        """
         if self.problem.comm is None:
             self.problem.check_unchanged()
         own = self.problem.own.interfaces
-        points = kernel_sweep(
-            self._core,
-            laws,
-            amplitudes,
-            parameters,
-            order,
-            [name for name in self.plan.active if name in own],
-            options,
-            checkpoint,
-            header,
-            progress,
-            callback,
-            keep_states,
-            keep_fields,
-            outputs,
-            start,
-        )
+        with one_answer():
+            points = kernel_sweep(
+                self._core,
+                laws,
+                amplitudes,
+                parameters,
+                order,
+                [name for name in self.plan.active if name in own],
+                options,
+                checkpoint,
+                header,
+                progress,
+                callback,
+                keep_states,
+                keep_fields,
+                outputs,
+                start,
+                None if ranks is None else ranks.shares,
+            )
         self._over_ranks(points)
         blocks: list[Any] = [points.iterations, points.error, points.seconds, points.status, points.states]
         blocks += [points.worst, points.largest]
