@@ -390,6 +390,7 @@ class SampleSettings(TypedDict, total=False):
     checkpoint: str | Path | None
     callback: Callable[[Iteration], None] | None
     progress: bool
+    points_comm: Any
 
 
 @together("sample")
@@ -419,6 +420,7 @@ def sample(
         callback: called after every iteration; it may raise StopIteration to end the sampling with what is
         done so far.
         progress: a progress bar if on a terminal.
+        points_comm: as for :func:`sweep`, ranks that solve the points together.
 
     Raises
     ------

@@ -236,7 +236,8 @@ def one_call(comm: Any, call: str) -> Iterator[None]:
 
 
 def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorator: a function of a problem or a result that all ranks call, see :func:`one_call`."""
+    """Decorator: a function of a problem or a result that all ranks call, see :func:`one_call`: those of the problem
+    and those of an argument ``points_comm``."""
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         @functools.wraps(function)
@@ -244,7 +245,9 @@ def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
             first: Any = args[0] if args else kwargs.get("problem", kwargs.get("result"))
             distribution = getattr(getattr(first, "problem", first), "distribution", None)
             comm = getattr(distribution, "comm", None)
-            with one_call(comm, call):
+            points = kwargs.get("points_comm")
+            over = isinstance(points, MPI.Intracomm) and points != MPI.COMM_NULL
+            with one_call(own_communicator(points) if over else None, call), one_call(comm, call):
                 return function(*args, **kwargs)
 
         return called

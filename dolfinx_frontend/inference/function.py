@@ -28,10 +28,11 @@ from dolfinx_frontend.formats.openturns import function_of
 from dolfinx_frontend.inference.events import Response, response
 from dolfinx_frontend.inference.gradients import Derivatives, derivatives
 from dolfinx_frontend.inference.inputs import Coordinates, Inputs
-from dolfinx_frontend.inference.journal import BATCH, Journal, Solved, settle
+from dolfinx_frontend.inference.journal import BATCH, Journal, Solved, facts_of, settle
 from dolfinx_frontend.inference.points import answer_of, part_of
 from dolfinx_frontend.kernel.running import Interrupt, Interrupted
 from dolfinx_frontend.kernel.solver import Solver
+from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings
 from dolfinx_frontend.results.accuracy import place_of
 from dolfinx_frontend.results.sweep import SweepResult
@@ -129,12 +130,15 @@ class ProblemFunction:
         plan: Plan,
         on_failure: Failure = "nan",
         checkpoint: Path | None = None,
+        ranks: PointRanks | None = None,
     ) -> None:
+        self._ranks = ranks
         self._inputs = inputs
         self._responses = tuple(quantities.values())
         self.inputs, self.outputs = inputs.names, tuple(quantities)
         self.problem, self.plan, self.on_failure = inputs.problem, plan, on_failure
-        self.solver = Solver(inputs.problem, plan)
+        with agreed_over(ranks):
+            self.solver = Solver(inputs.problem, plan)
         self.solves = 0
         self.seconds = 0.0
         self._known: OrderedDict[bytes, _Known] = OrderedDict()
@@ -143,8 +147,14 @@ class ProblemFunction:
         fields = 2 * sum(i.num_points * i.dim for i in inputs.problem.interfaces.values()) * 8
         self._batch = int(max(1, BYTES // (size + fields * plan.steps + 1)))
         self._journal: Journal | None = None
+        self._written = checkpoint is not None
+        if ranks is not None:
+            facts = facts_of(inputs, quantities, plan, codes=False)
+            ranks.check_same("function", facts)
         if checkpoint is not None:
-            self._journal = Journal.of(checkpoint, inputs, quantities, plan)
+            with agreed_over(ranks):
+                if ranks is None or ranks.first:
+                    self._journal = Journal.of(checkpoint, inputs, quantities, plan)
             self._batch = min(self._batch, BATCH)
             settle(self.solver)
 
@@ -203,6 +213,8 @@ class ProblemFunction:
         """Values at points (N, inputs) with the status of each; never warns of a status."""
         points = self._inputs.checked(x)
         self.problem.check_alike("function", points=points)
+        if self._ranks is not None:
+            self._ranks.check_alike("function", points=points)
         began = perf_counter()
         count = len(points)
         found = Evaluation(
@@ -230,10 +242,13 @@ class ProblemFunction:
         """Solve some points and read them, or take them from the file."""
         x = points[which]
         solved = None if self._journal is None else self._journal.batch(x)
+        if self._ranks is not None and self._written:
+            solved = self._ranks.told(solved)
         if solved is None:
             solved = self._solved(x)
-            if self._journal is not None:
-                self._journal.add(solved)
+            with agreed_over(self._ranks):
+                if self._journal is not None:
+                    self._journal.add(solved)
         self.solves += len(x)
         into.values[which], into.statuses[which] = solved.values, solved.statuses
         into.places[which], into.error[which] = solved.places, solved.error
@@ -251,7 +266,7 @@ class ProblemFunction:
         """Points (n, inputs), solved."""
         starts = self._starts(x)
         every = np.vstack([x, *(each.x for each in starts)])
-        with agreement(self.problem.comm):
+        with agreed_over(self._ranks), agreement(self.problem.comm):
             parameters = self._inputs.parameters(self.plan, every)
         if not parameters:
             raise SceneError(
@@ -270,16 +285,18 @@ class ProblemFunction:
                 callback=interrupt.watch(None),
                 keep_states=True,
                 start={len(x) + k: each.state for k, each in enumerate(starts)},
+                ranks=self._ranks,
             )
         solved = _first(walked, len(x))
         if np.any(solved.iterations < 0):
             done = int((solved.iterations >= 0).sum())
             kept = ""
-            if self._journal is not None:
+            if self._written:
                 kept = "; the checkpoint has all batches before these: the same call goes on"
             raise Interrupted(f"function: interrupted after {done} of {len(x)} points{kept}")
         own = part_of(parameters, slice(0, len(x)))
-        values = self._read(answer_of(self.problem, self.plan, self.solver, solved, own), x)
+        with agreed_over(self._ranks):
+            values = self._read(answer_of(self.problem, self.plan, self.solver, solved, own), x)
         # of a large batch those at the end, which are neighbours of each other, would do little good
         spaced = np.linspace(0, len(x) - 1, min(len(x), self._kept)).round().astype(np.int64)
         kept_ones = np.array(
@@ -363,14 +380,24 @@ class ProblemFunction:
         found = self.evaluate(point)  # also where the file has the derivatives: the same starts follow
         if not found.converged[0]:
             raise SceneError(self._told(found, [0], 1))
-        if self._journal is not None and (written := self._journal.slopes(point[0])) is not None:
+        if self._ranks is None:
+            return self._derivatives(point[0])
+        result = None
+        with agreed_over(self._ranks):  # the last digits of all that follows are those of one rank
+            if self._ranks.first:
+                result = self._derivatives(point[0])
+        said: Derivatives = self._ranks.told(result)
+        return said
+
+    def _derivatives(self, point: Array) -> Derivatives:
+        if self._journal is not None and (written := self._journal.slopes(point)) is not None:
             return written
         began = perf_counter()
-        known = self._known[point[0].tobytes()]
-        result = derivatives(self.solver, self._inputs, point[0], known.state, self._read)
+        known = self._known[point.tobytes()]
+        result = derivatives(self.solver, self._inputs, point, known.state, self._read)
         self.seconds += perf_counter() - began
         if self._journal is not None:
-            self._journal.add_slopes(point[0], result)
+            self._journal.add_slopes(point, result)
         return result
 
     def close(self) -> None:
@@ -406,7 +433,7 @@ def _first(points: SweepPoints, count: int) -> SweepPoints:
     )
 
 
-SETTINGS = ("method", "active", "direction", "options", "plan", "times", "checkpoint")
+SETTINGS = ("method", "active", "direction", "options", "plan", "times", "checkpoint", "points_comm")
 """What other calls hand on to the function that they are made of."""
 
 
@@ -449,6 +476,7 @@ def problem_function(
     plan: Plan | None = None,
     times: npt.ArrayLike | None = None,
     checkpoint: str | Path | None = None,
+    points_comm: Any = None,
 ) -> ProblemFunction:
     """As :meth:`Problem.function`, which has the parameters; `more`: random numbers beside the problem's."""
     settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
@@ -463,8 +491,12 @@ def problem_function(
         each.check(problem)
     extra = [*more, *(r for each in named.values() for r in each.random)]
     own = Inputs.of(problem, inputs, coordinates, extra)
-    if plan is None:
-        plan = own.plan(None, method=method, **settings)
-    else:
-        own.plan(plan)
-    return ProblemFunction(own, named, plan, on_failure, file)
+    ranks = point_ranks("function", problem, points_comm)
+    if ranks is not None:
+        ranks.check_alike("function", method=method, checkpoint=file is None, inputs=own.names, **settings)
+    with agreed_over(ranks):
+        if plan is None:
+            plan = own.plan(None, method=method, **settings)
+        else:
+            own.plan(plan)
+    return ProblemFunction(own, named, plan, on_failure, file, ranks)

@@ -25,7 +25,7 @@ from dolfinx_frontend.kernel.fingerprint import Facts, fingerprint
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 
-__all__ = ["BATCH", "Journal", "Solved", "settle"]
+__all__ = ["BATCH", "Journal", "Solved", "facts_of", "settle"]
 
 BATCH = 256
 """Points of a batch, which Ctrl-C loses, at most."""
@@ -84,24 +84,7 @@ class Journal:
     @classmethod
     def of(cls, path: Path, inputs: Inputs, outputs: Mapping[str, Response], plan: Plan) -> Journal:
         """The file of a function, refused if it is of another one."""
-        probe = inputs.nominal()[None]
-        if inputs.coordinates != "physical":
-            away = np.where([name in inputs.germs for name in inputs.names], 0.5, 0.0)
-            probe = np.vstack([probe, probe + away, probe - away])
-        codes: dict[str, Callable[..., Any]] = {}
-        for name, each in outputs.items():
-            for k, leaf in enumerate(each.readings):
-                if callable(leaf._of):
-                    codes[f"{name} {k}"] = leaf._of
-        facts = {
-            "run": "function",
-            "inputs": list(inputs.names),
-            "coordinates": inputs.coordinates,
-            "quantities": {name: each.recipe() for name, each in outputs.items()},
-            "random numbers": {name: each.tolist() for name, each in inputs.values(probe).items()},
-            **fingerprint(inputs.problem, plan, inputs.parameters(plan, probe), codes),
-        }
-        return cls(path, facts)
+        return cls(path, facts_of(inputs, outputs, plan))
 
     def batch(self, x: Array) -> Solved | None:
         """Points (n, inputs) that were solved together; None: they were not."""
@@ -130,6 +113,27 @@ class Journal:
     def close(self) -> None:
         """Release the file."""
         self._file.close()
+
+
+def facts_of(inputs: Inputs, outputs: Mapping[str, Response], plan: Plan, codes: bool = True) -> Facts:
+    """What a function is, by name and value; the code of the user's functions only with `codes`."""
+    probe = inputs.nominal()[None]
+    if inputs.coordinates != "physical":
+        away = np.where([name in inputs.germs for name in inputs.names], 0.5, 0.0)
+        probe = np.vstack([probe, probe + away, probe - away])
+    functions: dict[str, Callable[..., Any]] = {}
+    for name, each in outputs.items():
+        for k, leaf in enumerate(each.readings):
+            if callable(leaf._of):
+                functions[f"{name} {k}"] = leaf._of
+    return {
+        "run": "function",
+        "inputs": list(inputs.names),
+        "coordinates": inputs.coordinates,
+        "quantities": {name: each.recipe() for name, each in outputs.items()},
+        "random numbers": {name: each.tolist() for name, each in inputs.values(probe).items()},
+        **fingerprint(inputs.problem, plan, inputs.parameters(plan, probe), functions, codes=codes),
+    }
 
 
 def settle(solver: Solver) -> None:

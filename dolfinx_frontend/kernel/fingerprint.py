@@ -44,8 +44,10 @@ def fingerprint(
     plan: Plan,
     parameters: Sequence[SweptParameter],
     outputs: Mapping[str, Callable[..., Any]] | None = None,
+    *,
+    codes: bool = True,
 ) -> Facts:
-    """All that the answers at the points of a run depend on.
+    """All that the answers at the points of a run depend on; functions of the user only with `codes`.
 
     Raises
     ------
@@ -76,6 +78,8 @@ def fingerprint(
         if not swept.interface:
             name = f"values of swept load {number}"
         facts[name] = [_sums(swept.pattern), _sums(swept.values), swept.columns]
+    if not codes:
+        return facts
     for name, interface in problem.interfaces.items():
         functions = interface.law.functions
         if functions is not None:

@@ -37,6 +37,7 @@ from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.rank_checkpoint import RankCheckpoint
 from dolfinx_frontend.kernel.running import Interrupt
+from dolfinx_frontend.kernel.spread import PointRanks, one_answer
 from dolfinx_frontend.kernel.subspace import Subspace
 from dolfinx_frontend.plan.plan import Plan
 
@@ -211,8 +212,15 @@ class Solver:
         keep_fields: bool = True,
         outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None = None,
         start: Mapping[int, State] | None = None,
+        ranks: PointRanks | None = None,
     ) -> SweepPoints:
-        """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept."""
+        """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept.
+
+        Parameters
+        ----------
+        ranks
+            That solve the points together, each on a solver of its own.
+        """
         self._check_whole("a sweep or a sampling")
         if self.problem.comm is None:
             self.problem.check_unchanged()
@@ -220,23 +228,25 @@ class Solver:
         file: Any = checkpoint
         if checkpoint is not None and self.problem.comm is not None:
             file = RankCheckpoint(self.problem.comm, checkpoint, header or {})
-        points = kernel_sweep(
-            self._core,
-            laws,
-            amplitudes,
-            parameters,
-            order,
-            [name for name in self.plan.active if name in own],
-            options,
-            file,
-            header,
-            progress,
-            callback,
-            keep_states,
-            keep_fields,
-            outputs,
-            start,
-        )
+        with one_answer():
+            points = kernel_sweep(
+                self._core,
+                laws,
+                amplitudes,
+                parameters,
+                order,
+                [name for name in self.plan.active if name in own],
+                options,
+                file,
+                header,
+                progress,
+                callback,
+                keep_states,
+                keep_fields,
+                outputs,
+                start,
+                None if ranks is None else ranks.shares,
+            )
         self._over_ranks(points)
         blocks: list[Any] = [points.iterations, points.error, points.seconds, points.status, points.states]
         blocks += [points.worst, points.largest]

@@ -29,9 +29,9 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
-from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
+from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks, points_shown
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import (
     Direction,
@@ -123,6 +123,7 @@ def sample(
     checkpoint: str | Path | None = None,
     callback: Callable[[Iteration], None] | None = None,
     progress: bool = True,
+    points_comm: Any = None,
     estimator: Estimator = not_measured,
 ) -> SampleResult:
     """As :func:`dolfinx_frontend.sample`, which has the parameters."""
@@ -136,18 +137,23 @@ def sample(
         raise SceneError("sampling: nothing is random: give a law or a load a random parameter")
     _checked_rule(random, germs, weights, kind)
     problem.check_alike("sampling", laws=True, method=method, plan=plan is None, **settings)
-    plan = plan_of_random(
-        "sampling",
-        random,
-        plan,
-        method=method,
-        active=active,
-        direction=direction,
-        options=options,
-        times=times,
-    )
-    began = perf_counter()
-    solver = Solver(problem, plan)
+    ranks = point_ranks("sampling", problem, points_comm)
+    if ranks is not None:
+        told = {"plan": plan is None, "checkpoint": checkpoint is None}
+        ranks.check_alike("sampling", method=method, **told, **settings)
+    with agreed_over(ranks):
+        plan = plan_of_random(
+            "sampling",
+            random,
+            plan,
+            method=method,
+            active=active,
+            direction=direction,
+            options=options,
+            times=times,
+        )
+        began = perf_counter()
+        solver = Solver(problem, plan)
     return sample_on(
         solver,
         random,
@@ -161,6 +167,7 @@ def sample(
         setup=perf_counter() - began,
         callback=callback,
         estimator=estimator,
+        ranks=ranks,
     )
 
 
@@ -221,6 +228,7 @@ def sample_on(
     setup: float = 0.0,
     estimator: Estimator = not_measured,
     scatter: bool = True,
+    ranks: PointRanks | None = None,
 ) -> SampleResult:
     """As :func:`sample`, on a solver that is factorised already.
 
@@ -232,6 +240,8 @@ def sample_on(
         Seconds that the solver took.
     scatter
         Hold the tolerance by what every part scatters by, too, however little that is.
+    ranks
+        That solve the points together.
     """
     problem = random.problem
     check_running("sampling", callback, progress, keep_states=keep_states)
@@ -246,20 +256,21 @@ def sample_on(
         states=keep_states,
         checkpoint=file is not None,
     )
-    with agreement(problem.comm):
+    header = None
+    with agreed_over(ranks), agreement(problem.comm):
         parameters = sampled_values(random, plan, points)
-    header = None if file is None else _header(problem, plan, parameters)
-    iterations = 0
-    shown = progress and problem.rank == 0
+        if file is not None or ranks is not None:
+            header = _header(problem, plan, parameters, file is not None)
+    if ranks is not None and header is not None:
+        ranks.check_same("sampling", header)
 
     def done(point: int, summary: Any) -> None:
-        nonlocal iterations
-        iterations += summary.iterations
         warn_unconverged("sample", point, summary, solver)
-        bar.step(iterations=iterations)
+        step(summary.iterations)
 
     began = perf_counter()
-    with Interrupt() as interrupt, Bar(len(points), "samples", "point", shown, stays=True) as bar:
+    shown = points_shown("samples", len(points), progress, problem, ranks)
+    with Interrupt() as interrupt, shown as step:
         swept = solver.walk(
             solver.laws,
             plan.amplitudes,
@@ -272,6 +283,7 @@ def sample_on(
             callback=interrupt.watch(callback),
             keep_states=keep_states,
             start=start,
+            ranks=ranks,
         )
     report_points("sampling", interrupt, swept, file)
     return SampleResult(
@@ -289,9 +301,11 @@ def sample_on(
     )
 
 
-def _header(problem: Problem, plan: Plan, parameters: Sequence[SweptParameter]) -> dict[str, Any]:
+def _header(
+    problem: Problem, plan: Plan, parameters: Sequence[SweptParameter], codes: bool
+) -> dict[str, Any]:
     """What a checkpoint says of its sampling."""
-    return {"run": "sampling", **fingerprint(problem, plan, parameters)}
+    return {"run": "sampling", **fingerprint(problem, plan, parameters, codes=codes)}
 
 
 def _checked_rule(

@@ -31,9 +31,9 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.frozen import frozen
-from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
+from dolfinx_frontend.kernel.spread import agreed_over, point_ranks, points_shown
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
@@ -213,6 +213,7 @@ def sweep(
     times: npt.ArrayLike | None = None,
     keep_fields: bool = True,
     outputs: Mapping[str, Callable[[Block], npt.ArrayLike]] | None = None,
+    points_comm: Any = None,
 ) -> SweepResult:
     """Solve for every point of a grid of law parameters.
 
@@ -244,6 +245,10 @@ def sweep(
     outputs
         Name -> function of the interface fields of a point (a :class:`Block` of one sample) that returns
         (1,) or (1, ...), the sample in front; only that is kept, where all fields would be too many.
+    points_comm
+        mpi4py communicator of ranks that solve the points together, e.g. ``MPI.COMM_WORLD``; every rank has the
+        whole problem (``assemble(scene, comm=MPI.COMM_SELF)``), all call alike and get the whole result. None: no
+        ranks beside those of the problem.
 
     Raises
     ------
@@ -262,25 +267,33 @@ def sweep(
     told = {"outputs": names, "plan": plan is None, "checkpoint": file is not None}
     kept = {"keep_states": keep_states, "keep_fields": keep_fields}
     problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **kept, **settings)
-    plan, axes, parameters = planned(problem, grid, method, plan, settings)
-
-    began = perf_counter()
-    solver = Solver(problem, plan)
-    setup = perf_counter() - began
+    ranks = point_ranks("sweep", problem, points_comm)
+    if ranks is not None:
+        ranks.check_alike("sweep", grid=grid, method=method, **told, **kept, **settings, file=file is None)
+    with agreed_over(ranks):
+        plan, axes, parameters = planned(problem, grid, method, plan, settings)
+        began = perf_counter()
+        solver = Solver(problem, plan)
+        setup = perf_counter() - began
+        header = None
+        if file is not None or ranks is not None:
+            codes = file is not None
+            header = _header(problem, plan, parameters, axes, keep_fields, outputs, codes)
+    if ranks is not None and header is not None:
+        ranks.check_same("sweep", header)
     readings = {name: _reading(problem, plan, name, call) for name, call in (outputs or {}).items()}
     order = snake_order([len(values) for values in axes.values()])
-    header = None if file is None else _header(problem, plan, parameters, axes, keep_fields, outputs)
     started = perf_counter()
-    first, iterations = 0.0, 0
+    first = 0.0
 
     def point_done(point: int, summary: Any) -> None:
-        nonlocal first, iterations
+        nonlocal first
         first = first or perf_counter() - started
-        iterations += summary.iterations
         warn_unconverged("sweep point", point, summary, solver)
-        bar.step(iterations=iterations)
+        step(summary.iterations)
 
-    with Interrupt() as interrupt, _bar(problem, order, progress) as bar:
+    shown = points_shown("sweep", len(order), progress, problem, ranks)
+    with Interrupt() as interrupt, shown as step:
         points = solver.walk(
             solver.laws,
             plan.amplitudes,
@@ -294,6 +307,7 @@ def sweep(
             keep_states=keep_states,
             keep_fields=keep_fields,
             outputs=readings,
+            ranks=ranks,
         )
     report_points("sweep", interrupt, points, file)
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
@@ -329,10 +343,6 @@ def planned(
     return plan, axes, parameters
 
 
-def _bar(problem: Problem, order: Sequence[int], progress: bool) -> Bar:
-    return Bar(len(order), "sweep", "point", progress and problem.rank == 0, stays=True)
-
-
 def checkpoint_path(where: str, checkpoint: str | Path | None) -> Path | None:
     """The file of finished points that a user gave, if there is one."""
     if checkpoint is None:
@@ -364,6 +374,7 @@ def _header(
     axes: Mapping[tuple[str, ...], Array],
     keep_fields: bool,
     outputs: Mapping[str, Callable[[Block], npt.ArrayLike]] | None,
+    codes: bool,
 ) -> dict[str, Any]:
     """What a checkpoint says of its sweep."""
     return {
@@ -371,7 +382,7 @@ def _header(
         "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
         "keep_fields": keep_fields,
         "outputs": list(outputs or {}),
-        **fingerprint(problem, plan, parameters, outputs),
+        **fingerprint(problem, plan, parameters, outputs, codes=codes),
     }
 
 

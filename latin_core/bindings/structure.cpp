@@ -147,6 +147,9 @@ known, known_points
 point_callback
     Called with the point, its Laws, its Summary and its State. What it raises ends the sweep; StopIteration ends it
     with the points that are finished.
+next_points
+    Called after `order` for further points, until it returns none. Each time they start from what was known after
+    `order`, whatever was solved since.
 )doc";
 
 constexpr const char* local_fields_doc =
@@ -544,7 +547,8 @@ py::tuple solve(const Structure& structure, const Laws& laws, const py::object& 
 
 void sweep(const Structure& structure, const Laws& laws, const py::object& options,
            py::handle amplitudes, py::handle parameters, py::handle order, py::handle known,
-           py::handle known_points, const py::object& callback, const py::object& point_callback) {
+           py::handle known_points, const py::object& callback, const py::object& point_callback,
+           const py::object& next_points) {
   check_laws(structure, laws);
   const latin::iteration::Options settings = to_options(options);
   const latin::Matrix factors = to_amplitudes(amplitudes, structure);
@@ -553,6 +557,7 @@ void sweep(const Structure& structure, const Laws& laws, const py::object& optio
   auto states = to_values<State>(known, "known", "State");
   auto positions = to_indices(known_points, "known_points");
   check_callable(point_callback, "point_callback");
+  check_callable(next_points, "next_points");
   const auto guard = guarded(callback);
   const latin::iteration::PointCallback finished = [&point_callback](
                                                        Index point, const Laws& of_point,
@@ -562,9 +567,18 @@ void sweep(const Structure& structure, const Laws& laws, const py::object& optio
       interruptible([&] { point_callback(point, of_point, summary, state); });
     }
   };
+  latin::iteration::NextPoints next;
+  if (!next_points.is_none()) {
+    next = [&next_points] {
+      const py::gil_scoped_acquire gil;
+      std::vector<Index> found;
+      interruptible([&] { found = to_indices(next_points(), "next_points"); });
+      return found;
+    };
+  }
   const py::gil_scoped_release release;
   latin::iteration::sweep(laws, settings, factors, swept, points, std::move(states),
-                          std::move(positions), guard, finished);
+                          std::move(positions), guard, finished, next);
 }
 
 /// Pickling refused, with what to do instead.
@@ -648,7 +662,7 @@ void bind_calls(StructureClass& cls) {
       .def("sweep", &sweep, "laws"_a, py::kw_only(), "options"_a = py::none(),
            "amplitudes"_a = py::none(), "parameters"_a, "order"_a, "known"_a = py::tuple(),
            "known_points"_a = py::tuple(), "callback"_a = py::none(),
-           "point_callback"_a = py::none(), sweep_doc)
+           "point_callback"_a = py::none(), "next_points"_a = py::none(), sweep_doc)
       .def("global_stage", &global_stage, "laws"_a, "data"_a, "amplitudes"_a = py::none(),
            "Traces w (rows, columns) that data s (rows, columns) and loads (loads, columns) leave.")
       .def("local_stage", &local_stage, "laws"_a, "data"_a, "traces"_a,

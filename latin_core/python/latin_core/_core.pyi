@@ -268,6 +268,7 @@ class Structure:
         known_points: Sequence[int] = (),
         callback: Callable[[Iteration], object] | None = None,
         point_callback: Callable[[int, Laws, Summary, State], object] | None = None,
+        next_points: Callable[[], Sequence[int]] | None = None,
     ) -> None: ...
     def global_stage(
         self, laws: Laws, data: npt.ArrayLike, amplitudes: npt.ArrayLike | None = None

@@ -29,7 +29,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Checkpoint", "CheckpointError", "CheckpointWarning"]
+__all__ = ["Checkpoint", "CheckpointError", "CheckpointWarning", "differences"]
 
 _VERSION = 3
 _DIGEST = hashlib.sha256().digest_size
@@ -85,7 +85,8 @@ def _told(name: str, theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> str:
     return name
 
 
-def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> list[str]:
+def differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> list[str]:
+    """Names of the facts in which two runs differ, with short values; floats agree to ten digits."""
     names = list(mine) + [name for name in theirs if name not in mine]
     return [
         _told(name, theirs, mine)
@@ -163,7 +164,7 @@ class Checkpoint:
         except BaseException:
             self._release()
             raise
-        different = _differences(theirs, mine)
+        different = differences(theirs, mine)
         if different:
             self._release()
             if theirs.get("version") != _VERSION:

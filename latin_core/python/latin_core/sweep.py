@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,12 @@ import numpy.typing as npt
 from latin_core import _core
 from latin_core.checkpoint import Checkpoint, CheckpointError, PointFile
 from latin_core.options import Options
+from latin_core.shares import Shares, split
 
 __all__ = ["SweepPoints", "SweptParameter", "sweep"]
 
+_PILOTS, _PILOTS_OF_SAMPLES = 4, 16
+"""Points that all ranks solve first; the scatter of samples is that of these."""
 _log = logging.getLogger(__name__)
 Array = npt.NDArray[np.float64]
 
@@ -81,9 +85,9 @@ class SweepPoints:
     outputs
         name -> (points, ...): what the functions of `outputs` returned.
     histories
-        point -> its iterations, in the order of solution (points of this run only).
+        point -> its iterations, in the order of solution (points of this run and rank only).
     order
-        points in the order in which they were solved in this run.
+        points in the order in which they were solved in this run, on this rank.
     states
         (points, 2, rows, columns): s and w of every point, if asked for.
     scatter
@@ -287,6 +291,7 @@ def sweep(
     keep_fields: bool = True,
     outputs: Mapping[str, Callable[[int, Fields], npt.ArrayLike]] | None = None,
     start: Mapping[int, _core.State] | None = None,
+    shares: Shares | None = None,
 ) -> SweepPoints:
     """Solve for every point, each started from the states of its nearest solved neighbours.
 
@@ -320,9 +325,15 @@ def sweep(
         returns (a number or an array, of one shape for all points) is kept.
     start
         Guesses of the states of some points, from which they and their neighbours are started.
+    shares
+        Ranks over which the points are spread; all of them call this alike, have the same structure, and get the
+        whole result. `progress` and `callback` are called on the rank that solves; `header` and `checkpoint` are
+        those of the first rank.
 
     Raises
     ------
+    RemoteError
+        Another rank has failed; it raises its own error.
     InputError
         Shapes that disagree, or a point that there is not.
     CheckpointError
@@ -343,9 +354,7 @@ def sweep(
     keeper = _Keeper(result, interfaces if keep_fields else (), outputs)
     known: list[_core.State] = list(start.values()) if start else []
     known_points: list[int] = list(start) if start else []
-    file: PointFile | None = (
-        Checkpoint(checkpoint, header or {}) if isinstance(checkpoint, (str, Path)) else checkpoint
-    )
+    file: PointFile | None = None
 
     def shapes() -> dict[str, Shape]:
         nothing = np.zeros((structure.rows, amplitudes.shape[1]))
@@ -356,34 +365,145 @@ def sweep(
                 found[f"{what}:{name}"] = values.T.shape
         return found
 
-    try:
-        for number, state in keeper.read(file, shapes):
-            known.append(state)
-            known_points.append(number)
+    def finished(point: int, laws: _core.Laws, summary: _core.Summary, state: _core.State) -> None:
+        if run is not None and run.another_keeps(point):
+            result.scatter = summary.scatter
+            return
+        read = interfaces if keep_fields or outputs else ()
+        fields = {name: structure.local_fields(laws, name, state) for name in read}
+        arrays = keeper.finish(point, summary, state, fields)
+        if file is not None or run is not None:
+            arrays |= {"data": state.data, "traces": state.traces}
+        if file is not None:
+            file.append(point, arrays)
+        if run is not None:
+            run.solved(point, arrays)
+        if progress is not None:
+            progress(point, summary)
 
-        def finished(
-            point: int, laws: _core.Laws, summary: _core.Summary, state: _core.State
-        ) -> None:
-            read = interfaces if keep_fields or outputs else ()
-            fields = {name: structure.local_fields(laws, name, state) for name in read}
-            arrays = keeper.finish(point, summary, state, fields)
-            if file is not None:
-                file.append(point, {**arrays, "data": state.data, "traces": state.traces})
-            if progress is not None:
-                progress(point, summary)
-
+    def solve(order: Sequence[int], **more: Any) -> None:
         structure.sweep(
             laws,
             options=options,
             amplitudes=amplitudes,
             parameters=parameters,
-            order=[p for p in order if result.iterations[p] < 0],
+            order=order,
             known=known,
             known_points=known_points,
-            callback=callback,
             point_callback=finished,
+            **more,
         )
+
+    run: _OverRanks | None = None
+    try:
+        with nullcontext() if shares is None else shares.agreed():
+            if checkpoint is not None and (shares is None or shares.first):
+                own_file = isinstance(checkpoint, (str, Path))
+                file = Checkpoint(checkpoint, header or {}) if own_file else checkpoint
+            for number, state in keeper.read(file, shapes):
+                if shares is None:  # shares start all alike
+                    known.append(state)
+                    known_points.append(number)
+        if shares is None:
+            solve([p for p in order if result.iterations[p] < 0], callback=callback)
+        else:
+            run = _OverRanks(shares, keeper, file)
+            few = _PILOTS_OF_SAMPLES if options.scatter else 0 if start else _PILOTS
+            run.solve(split(order, _coordinates(parameters), few), solve, callback)
     finally:
         if file is not None:
             file.close()
     return result
+
+
+def _coordinates(parameters: Sequence[SweptParameter]) -> Array:
+    """(points, numbers) all swept values, every one scaled by its range."""
+    values = [each.values for each in parameters] or [np.zeros((1, 1))]
+    every: Array = np.concatenate(values).T
+    size = np.ptp(every, axis=0)
+    size[size == 0.0] = 1.0
+    return every / size
+
+
+class _OverRanks:
+    """A sweep whose points are spread over ranks, as this one sees it."""
+
+    def __init__(self, shares: Shares, keeper: _Keeper, file: PointFile | None) -> None:
+        self._shares, self._keeper, self._file = shares, keeper, file
+        self._done = np.zeros(0, dtype=bool)
+        self._pilots: set[int] = set()
+        self._own: list[int] = []
+        self._written = False
+
+    def solve(
+        self,
+        whole: tuple[list[int], list[list[int]]],
+        solve: Callable[..., None],
+        callback: Callable[[_core.Iteration], None] | None,
+    ) -> None:
+        """Solve the pilots, which all ranks do, and shares; afterwards all have all points."""
+        shares, result = self._shares, self._keeper.result
+        self._done, self._written = shares.told((result.iterations >= 0, self._file is not None))
+        pilots, cut = whole
+        cut = [[point for point in each if not self._done[point]] for each in cut]
+        cut = [each for each in cut if each]
+        if not cut and all(self._done[point] for point in pilots):
+            pilots = []
+        self._pilots = set(pilots)
+
+        def each_iteration(iteration: _core.Iteration) -> None:
+            if callback is not None:
+                callback(iteration)
+            shares.poll()
+
+        with shares.agreed():
+            shares.begin(cut, self._take)
+            failed = True
+            try:
+                solve(pilots, callback=each_iteration, next_points=shares.next)
+                failed = False
+            finally:
+                shares.end(failed)
+        self._gather()
+
+    def another_keeps(self, point: int) -> bool:
+        """Whether a point that this rank has solved is not its to keep."""
+        return point in self._pilots and (not self._shares.first or bool(self._done[point]))
+
+    def solved(self, point: int, arrays: dict[str, Any]) -> None:
+        """A point of this rank; the first one is told all of it if it is to be written."""
+        self._own.append(point)
+        if not self._written:
+            arrays = {"iterations": arrays["iterations"]}
+        self._shares.solved(point, arrays)
+
+    def _take(self, point: int, arrays: Mapping[str, Any]) -> None:
+        """A point of another rank, on the first one."""
+        if self._file is not None:
+            self._file.append(point, arrays)
+        if self._shares.taken is not None:
+            self._shares.taken(point, int(arrays["iterations"]))
+
+    def _gather(self) -> None:
+        """What any rank has, on all."""
+        result = self._keeper.result
+        own = np.array(self._own, dtype=np.int64)
+        if self._shares.first:
+            own = np.concatenate([np.flatnonzero(self._done), own])
+        arrays: dict[str, Any] = {name: getattr(result, name) for name in _OF_POINTS}
+        if result.states is not None:
+            arrays["states"] = result.states
+        into = {"force": result.forces, "jump": result.jumps, "output": result.outputs}
+        for kind, fields in into.items():
+            arrays |= {f"{kind}:{name}": each for name, each in fields.items()}
+        self._shares.merge(own, arrays)
+        for name, each in arrays.items():
+            kind, _, rest = name.partition(":")
+            if rest:
+                into[kind][rest] = each
+            else:
+                setattr(result, name, each)
+        result.scatter = self._shares.least(result.scatter)
+
+
+_OF_POINTS = ("iterations", "error", "seconds", "worst", "largest", "status")

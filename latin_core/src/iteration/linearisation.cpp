@@ -146,7 +146,7 @@ void Linearisation::take_column(const substructure::Laws& laws, const State& sta
 
 void Linearisation::know_structure(const substructure::Laws& laws) {
   if (tangents_.empty()) {
-    tangents_.push_back(std::make_unique<Tangent>(
+    tangents_.push_back(std::make_shared<Tangent>(
         laws.structure(), std::make_shared<const substructure::Joined>(laws)));
   }
 }
@@ -160,11 +160,11 @@ bool Linearisation::take(const substructure::Laws& laws, Slopes now, double hold
   if (changed) {
     rounding_.resize(0, 0);
     slopes_.clear();  // if a factorisation fails there are none
+    const std::shared_ptr<const substructure::Joined> joined = tangents_.front()->shared_joined();
     tangents_.resize(now.distinct.size());
-    for (std::size_t i = 0; i < now.distinct.size(); ++i) {
-      if (!tangents_[i]) {
-        tangents_[i] =
-            std::make_unique<Tangent>(laws.structure(), tangents_.front()->shared_joined());
+    for (std::shared_ptr<Tangent>& each : tangents_) {
+      if (!each || each.use_count() > 1) {  // a copy keeps its own
+        each = std::make_shared<Tangent>(laws.structure(), joined);
       }
     }
     factorise(now.distinct, hold, laws.structure().communicator());

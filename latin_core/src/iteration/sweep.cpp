@@ -243,19 +243,45 @@ class Sweep {
     }
   }
 
-  void run(const std::vector<Index>& order) {
+  void run(const std::vector<Index>& order, const NextPoints& next) {
     for (std::size_t i = 0; i < known_.size(); ++i) {
       shift(known_[i].traces, known_points_[i], -1.0);
     }
     try {
       walk(order);
       release_early();
+      if (next) {
+        run_shares(next);
+      }
     } catch (const Interrupted&) {
       hand_out_early();  // all other finished points have been handed out
     }
   }
 
  private:
+  /// Points that start from what is known now, as often as there are more.
+  void run_shares(const NextPoints& next) {
+    scatter_known_ = scatter_.count() >= first_samples;
+    const std::size_t count = known_.size();
+    const Linearisation linear = linear_ ? *linear_ : Linearisation();
+    const Matrix basis = basis_;
+    const Index together_from = together_from_;
+    const Index streak = streak_;
+    for (std::vector<Index> points = next(); !points.empty(); points = next()) {
+      check(points);
+      known_.resize(count);
+      known_points_.resize(count);
+      if (linear_) {
+        *linear_ = linear;
+      }
+      basis_ = basis;
+      together_from_ = together_from;
+      streak_ = streak;
+      walk(points);
+      release_early();
+    }
+  }
+
   /// Whether samples are held to their scatter.
   [[nodiscard]] bool follows_scatter() const {
     return options_.scatter && structure_.total_rows() > 0 && !options_.stop_on_indicator;
@@ -317,7 +343,8 @@ class Sweep {
                                                 [&](Index point) { return away(point, middle); })),
                   true);
     }
-    const Index far = std::min(most_far, static_cast<Index>(left.size()) / 2);
+    const bool begun = basis_.cols() > 0;  // by the points that all shares start from
+    const Index far = begun ? 0 : std::min(most_far, static_cast<Index>(left.size()) / 2);
     std::vector<Index> seeds;
     while (static_cast<Index>(seeds.size()) < far) {
       const auto nearest_of = [&](Index point) {
@@ -510,7 +537,7 @@ class Sweep {
 
   /// @throws Interrupted on all ranks if a callback of any of them did
   void hand_out(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
-    if (follows_scatter()) {
+    if (follows_scatter() && !scatter_known_) {
       scatter_.add(state, errors_of_bodies(summary), [&](const State& first) {
         return substructure::GlobalStage(laws).sizes(first.data, first.traces,
                                                      amplitudes_ + loads_of(point));
@@ -656,6 +683,7 @@ class Sweep {
   const substructure::Structure& structure_;
   Options options_;
   Scatter scatter_;
+  bool scatter_known_ = false;  ///< it is that of the first points, for all others
   struct Early {
     Index point;
     State state;
@@ -690,7 +718,7 @@ class Sweep {
 void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
-           const PointCallback& point_callback) {
+           const PointCallback& point_callback, const NextPoints& next) {
   if (known.size() != known_points.size()) {
     throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
                      std::to_string(known_points.size()) + " points");
@@ -698,7 +726,7 @@ void sweep(const substructure::Laws& laws, const Options& options, const Matrix&
   Sweep all(laws, options, amplitudes, parameters, std::move(known), std::move(known_points),
             callback, point_callback);
   all.check(order);
-  all.run(order);
+  all.run(order, next);
 }
 
 std::vector<Index> snake_order(const std::vector<Index>& shape) {

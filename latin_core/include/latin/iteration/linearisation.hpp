@@ -17,7 +17,8 @@ namespace latin::iteration {
 /// The structure linearised at the columns of a state: those with the same tangents share a factorisation.
 ///
 /// It may be kept from one parameter set to the next: steps with tangents of a near set are nearly as good. It is that
-/// of all ranks, on each of them: whatever takes a state or a residual is collective.
+/// of all ranks, on each of them: whatever takes a state or a residual is collective. A copy has the same tangents
+/// until one of the two takes others.
 class Linearisation {
  public:
   static constexpr double least_hold = substructure::Tangent::least_hold;
@@ -90,7 +91,7 @@ class Linearisation {
   void know_structure(const substructure::Laws& laws);
   bool take(const substructure::Laws& laws, Slopes now, double hold);
 
-  std::vector<std::unique_ptr<substructure::Tangent>>
+  std::vector<std::shared_ptr<substructure::Tangent>>
       tangents_;                ///< of each distinct linearisation
   std::vector<Matrix> slopes_;  ///< of each of these
   std::vector<std::size_t> of_column_;

@@ -26,6 +26,9 @@ inline constexpr const char* stiffness_parameter = "part.stiffness";
 using PointCallback =
     std::function<void(Index point, const substructure::Laws&, const Summary&, const State&)>;
 
+/// Further points, all of which start from what was known after the first ones; none: that was all.
+using NextPoints = std::function<std::vector<Index>()>;
+
 /// Multiresolution (paper, section 3): solve for many parameter sets, each started from the interface
 /// states of the nearest points that are solved already.
 ///
@@ -35,6 +38,9 @@ using PointCallback =
 /// @param order      points to solve, in this order (a restarted sweep leaves out finished ones)
 /// @param known      states of points solved earlier: start material, e.g. from a checkpoint
 /// @param known_points their positions
+/// @param next       after `order`, asked for further points until there are none. Each of its answers starts from the
+///                   same states, tangents and tolerance, whatever was solved before: so answers do not depend on who
+///                   solves which
 /// A callback that throws Interrupted ends the sweep: points that are finished by then have been handed out.
 ///
 /// @throws InputError on shapes and positions that do not fit, naming the interface
@@ -42,7 +48,7 @@ using PointCallback =
 void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
-           const PointCallback& point_callback);
+           const PointCallback& point_callback, const NextPoints& next = {});
 
 /// Order in which a grid is walked: neighbours in the order differ in one parameter by one step
 /// (boustrophedon), the last axis fastest.
