@@ -398,8 +398,10 @@ def sweep(
     try:
         with nullcontext() if shares is None else shares.agreed():
             if checkpoint is not None and (shares is None or shares.first):
-                own_file = isinstance(checkpoint, (str, Path))
-                file = Checkpoint(checkpoint, header or {}) if own_file else checkpoint
+                if isinstance(checkpoint, (str, Path)):
+                    file = Checkpoint(checkpoint, header or {})
+                else:
+                    file = checkpoint
             for number, state in keeper.read(file, shapes):
                 if shares is None:  # shares start all alike
                     known.append(state)

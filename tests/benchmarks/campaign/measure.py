@@ -15,9 +15,9 @@ neighbour's motion. What is nothing but rounding, or moves by less than thirty s
 its own: a scatter is then compared with the mean, the displacement of a part that stays where it is with
 the largest one of the scene, and strains are not compared. The fluctuation of a chaos is all its columns
 but the first; that of samples is what is left without their mean. A step is compared with itself, but with
-no less than 1e-9 of the part's largest step, and faces that are held with no less than 1e-4 of the part's largest
-displacement, for a soft part that is glued on a rock has none to speak of there; a scatter with itself, below 1e-6 of the mean with the mean:
-it is not worth an order of a chaos or a sample.
+no less than 1e-9 of the part's largest step, and faces that are held with no less than 1e-4 of the part's
+largest displacement, for a soft part that is glued on a rock has none to speak of there; a scatter with
+itself, below 1e-6 of the mean with the mean: it is not worth an order of a chaos or a sample.
 """
 
 from __future__ import annotations
