@@ -117,7 +117,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "assemble",
     ),
     "plan": ("random_laws", "ties", "reduction", "cost", "coarse", "plan"),
-    "kernel": ("user_laws", "bridge", "running", "columns", "solver", "carry", "fingerprint"),
+    "kernel": ("user_laws", "bridge", "running", "columns", "rank_checkpoint", "solver", "carry", "fingerprint"),
     "reference": ("cholesky", "direct", "galerkin", "energy"),
     "formats": ("hdf5", "layout", "chaos_file", "openturns", "vtk", "meshes"),
     "results": (
