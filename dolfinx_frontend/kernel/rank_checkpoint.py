@@ -29,8 +29,9 @@ def _joined(headers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 class RankCheckpoint:
     """Finished points of a run over ranks, in one file.
 
-    A point is written when all ranks have finished it. So what ends the ranks leaves whole points. Every member but
-    :meth:`close` is collective. The parts must be on the ranks that they were on when the file was made.
+    A point is written when all ranks have finished it. So what ends the ranks leaves whole points. Every
+    member but :meth:`close` is collective. The parts must be on the ranks that they were on when the file was
+    made.
 
     Parameters
     ----------

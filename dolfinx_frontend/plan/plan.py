@@ -819,7 +819,7 @@ def _ranks(problem: Problem) -> tuple[str, str]:
     cuts = ", ".join(problem.cuts) or "no interface"
     return (
         f"{len(sizes)}, {min(sizes)} to {max(sizes)} unknowns each; cut at {cuts}",
-        "a part belongs to one rank; points of a sweep one by one",
+        "a part belongs to one rank",
     )
 
 

@@ -627,7 +627,7 @@ class ChaosResult(Result, StochasticResult):
                 save_chaos(path, self.space, self.basis, fields, notes)
 
     def chaos_fields(self, substructures: Sequence[str] = ()) -> tuple[dict[str, Field], dict[str, Any]]:
-        """Fields and notes of the file that :meth:`save_chaos` writes; collective, all of them on the first rank."""
+        """Fields and notes of the file that :meth:`save_chaos` writes; collective, all on the first rank."""
         substructures = checked_names("save_chaos", "substructures", substructures)
         for name in substructures:
             check_known("substructure", name, self.problem.parts, "save_chaos")

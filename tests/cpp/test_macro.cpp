@@ -61,7 +61,7 @@ TEST(Macro, BalancesForcesAndIsAProjection) {
   Matrix traces(structure.rows(), 3);
   global.apply(data, none, traces);
   ASSERT_EQ(structure.macro_size(), 6);
-  static_cast<void>(global.balance(local, none, data, traces));
+  static_cast<void>(global.balance(global.imbalance(local, data, traces), none, data, traces));
   // traces are those of the data
   Matrix again(structure.rows(), 3);
   global.apply(data, none, again);
@@ -74,7 +74,8 @@ TEST(Macro, BalancesForcesAndIsAProjection) {
   }
   const auto pull = forces.row(structure.interface(structure.find_interface("pull")).rows[0]);
   EXPECT_LT((pull.array() - Bars::force).abs().maxCoeff(), 1e-10);
-  EXPECT_LT(global.balance(local, none, data, traces).norm(), 1e-11 * data.norm());
+  EXPECT_LT(global.balance(global.imbalance(local, data, traces), none, data, traces).norm(),
+            1e-11 * data.norm());
 }
 
 TEST(Macro, AnswerDoesNotDependOnTheDirection) {

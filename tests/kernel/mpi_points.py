@@ -77,7 +77,7 @@ def derivatives() -> None:
     ]
     one, other = (np.array([*each.design_points[0].values()]) for each in chances)
     assert np.abs(one - other).max() < 1e-6 * np.abs(other).max(), chances
-    print(f"same derivatives on rank {WORLD.rank}: {np.abs(one.values - other.values).max():.1e}", flush=True)
+    print(f"same derivatives on rank {WORLD.rank}", flush=True)
 
 
 if __name__ == "__main__":

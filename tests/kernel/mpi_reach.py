@@ -1,4 +1,4 @@
-"""Program of test_mpi.py: coarse problem, Newton's method and matrix directions, against the same on one rank.
+"""Program of test_mpi.py: coarse problem, Newton's method and matrix directions, against those of one rank.
 
 ``mpirun -n N python mpi_reach.py``
 """

@@ -92,8 +92,8 @@ Newton::Column Newton::begin(const State& state, Index index) {
   const Matrix free = system_.free_jumps(data, traces);
   column.before = system_.forces(index, memory_, free.col(0), system_.direct());
   // F / 2 = E f - (s - k w)
-  const Vector half_residual = flexibility_.spread(column.before) - data +
-                               system_.directions().cwiseProduct(traces);
+  const Vector half_residual =
+      flexibility_.spread(column.before) - data + system_.directions().cwiseProduct(traces);
   column.half = flexibility_.solve(half_residual);
   column.jump = free + flexibility_.jump(2.0 * half_residual) -
                 with_mu * flexibility_.jump(column.half) +

@@ -176,8 +176,7 @@ bool Subspace::add(Matrix data, Matrix traces) {
 }
 
 NewtonOutcome Subspace::solve(State& state, const Matrix& amplitudes, double tolerance) {
-  return system_.with_all(state,
-                          [&](State& all) { return solve_all(all, amplitudes, tolerance); });
+  return system_.with_all(state, [&](State& all) { return solve_all(all, amplitudes, tolerance); });
 }
 
 NewtonOutcome Subspace::solve_all(State& state, const Matrix& amplitudes, double tolerance) {

@@ -113,8 +113,8 @@ void Flexibility::gather() {
     return;
   }
   communicator.sum({matrix_.data(), static_cast<std::size_t>(matrix_.size())});
-  const auto stiffness = communicator.gather(
-      std::vector<double>(modal_stiffness_.begin(), modal_stiffness_.end()));
+  const auto stiffness =
+      communicator.gather(std::vector<double>(modal_stiffness_.begin(), modal_stiffness_.end()));
   const auto traces = communicator.gather(
       std::vector<double>(modal_traces_.data(), modal_traces_.data() + modal_traces_.size()));
   std::vector<double> every_stiffness;

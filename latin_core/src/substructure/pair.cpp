@@ -56,8 +56,8 @@ std::vector<double> PairSide::packed() const {
   numbers.insert(numbers.end(), held.data(), held.data() + held.size());
   for (Index row = 0; row < trace.rows(); ++row) {
     for (SparseRows::InnerIterator it(trace, row); it; ++it) {
-      numbers.insert(numbers.end(), {static_cast<double>(row), static_cast<double>(it.col()),
-                                     it.value()});
+      numbers.insert(numbers.end(),
+                     {static_cast<double>(row), static_cast<double>(it.col()), it.value()});
     }
   }
   return numbers;
@@ -83,7 +83,8 @@ PairSide PairSide::unpacked(const std::vector<double>& numbers, Index rows, std:
 
 Pair::Pair(std::array<PairSide, 2> sides, const Vector& weights, const Vector& stiffness)
     : sides_(std::move(sides)), weights_(weights), of_law_(stiffness) {
-  const Vector flexibility = sides_[0].direction.cwiseInverse() + sides_[1].direction.cwiseInverse();
+  const Vector flexibility =
+      sides_[0].direction.cwiseInverse() + sides_[1].direction.cwiseInverse();
   stiffness_ = (stiffness.cwiseInverse() + softness * flexibility).cwiseInverse();
 
   const Vector springs = weights.cwiseProduct(stiffness_);

@@ -88,7 +88,8 @@ std::string label(const ActiveInterface& interface, int other) {
   return interface.name() + "' between ranks " + std::to_string(other) + " with " +
          std::to_string(interface.geometry.points) + " points of " +
          std::to_string(interface.geometry.components) + " components, " +
-         std::to_string(interface.basis.cols()) + " moments, " + (interface.paired ? "paired, '" : "'") + interface.geometry.law->name();
+         std::to_string(interface.basis.cols()) + " moments, " +
+         (interface.paired ? "paired, '" : "'") + interface.geometry.law->name();
 }
 
 }  // namespace
@@ -397,8 +398,9 @@ void Structure::share_pairs() {
     return found;
   };
   // both ways have one length: that of the longer one
-  const auto lengths = swap([](std::size_t) { return Index{1}; },
-                            [&](std::size_t n, Index) { return static_cast<double>(own[n].size()); });
+  const auto lengths =
+      swap([](std::size_t) { return Index{1}; },
+           [&](std::size_t n, Index) { return static_cast<double>(own[n].size()); });
   const auto longer = [&](std::size_t n) {
     return std::max(static_cast<Index>(own[n].size()), static_cast<Index>(lengths[n].front()));
   };
@@ -512,9 +514,9 @@ const Macro& Structure::macro() const {
 bool Structure::has_flexibility() const {
   const auto unknowns = static_cast<double>(total_unknowns_);
   const bool affordable = memory_limit_ <= 0.0 || 8.0 * unknowns * unknowns <= memory_limit_;
-  return affordable &&
-         communicator_.everywhere(std::ranges::all_of(
-             bodies_, [](const Body& body) { return body.rows() == 0 || body.condensed(); }));
+  return affordable && communicator_.everywhere(std::ranges::all_of(bodies_, [](const Body& body) {
+    return body.rows() == 0 || body.condensed();
+  }));
 }
 
 const Flexibility& Structure::flexibility() const {

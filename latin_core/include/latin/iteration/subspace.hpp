@@ -32,14 +32,13 @@ class Subspace {
   /// @param tolerance on the norm of the residual
   /// @param most      global stages
   /// @return whether the tolerance was reached
-  bool improve(Index column, const JoinedSystem::Memory& before, State& state,
-               double tolerance, Index most);
+  bool improve(Index column, const JoinedSystem::Memory& before, State& state, double tolerance,
+               Index most);
 
   /// Norm of data or residuals.
   [[nodiscard]] double norm(ConstMatrixRef block) const;
   /// Norm of the residual of a column, (rows, 1).
-  [[nodiscard]] double residual_norm(Index column,
-                                     const JoinedSystem::Memory& before,
+  [[nodiscard]] double residual_norm(Index column, const JoinedSystem::Memory& before,
                                      const State& state) const;
   /// Global stages of single columns so far, and minimisations of Gauss and Newton.
   [[nodiscard]] Index stages() const { return stages_; }
@@ -55,8 +54,7 @@ class Subspace {
     Vector residual;
     double norm = 0.0;
   };
-  [[nodiscard]] Point at(Index column, const JoinedSystem::Memory& before,
-                         State state) const;
+  [[nodiscard]] Point at(Index column, const JoinedSystem::Memory& before, State state) const;
   NewtonOutcome solve_all(State& state, const Matrix& amplitudes, double tolerance);
   /// One step of Gauss and Newton in the space. @return whether the residual fell by enough to go on
   bool step(Index column, const JoinedSystem::Memory& before, Point& point);
@@ -66,9 +64,9 @@ class Subspace {
 
   const JoinedSystem& system_;
   std::vector<std::pair<Index, Index>> bodies_;  ///< first row and rows of each
-  Vector weights_;  ///< W/k, of the metric
-  Matrix data_;     ///< V, (rows, most_directions), orthonormal in the metric
-  Matrix traces_;   ///< A V
+  Vector weights_;                               ///< W/k, of the metric
+  Matrix data_;    ///< V, (rows, most_directions), orthonormal in the metric
+  Matrix traces_;  ///< A V
   Index size_ = 0;
   Index stages_ = 0;
   Index steps_ = 0;

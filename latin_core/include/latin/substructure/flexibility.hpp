@@ -79,10 +79,10 @@ class Flexibility {
 
   const Structure& structure_;
   std::shared_ptr<const Joined> joined_;
-  std::vector<Part> parts_;  ///< of this rank, with rows of all
+  std::vector<Part> parts_;        ///< of this rank, with rows of all
   std::vector<Index> unknown_;     ///< (rows) the point and component that a row belongs to
   std::vector<Index> components_;  ///< (unknowns) of the point
-  Vector sign_;  ///< (rows) +1 on side 1, -1 on side 2
+  Vector sign_;                    ///< (rows) +1 on side 1, -1 on side 2
   Vector inverse_direction_;
   Vector weights_;
   Vector direct_;

@@ -13,8 +13,9 @@ namespace latin::substructure {
 /// An interface in the coarse problem.
 struct MacroInterface {
   std::string name;
-  std::vector<Index> rows;  ///< first row of each of its sides in the stacked blocks; -1: on another rank
-  Matrix basis;             ///< Z (rows of a side, moments): displacements that both sides share
+  std::vector<Index>
+      rows;      ///< first row of each of its sides in the stacked blocks; -1: on another rank
+  Matrix basis;  ///< Z (rows of a side, moments): displacements that both sides share
 };
 
 /// Coarse (macro) problem: makes the forces of the two sides of every interface balance in their resultant and

@@ -10,10 +10,10 @@ namespace latin::substructure {
 
 /// One side of an interface: what its body is to the other one. A rank may tell it to another.
 struct PairSide {
-  Vector direction;   ///< k of the rows
-  SparseRows trace;   ///< (rows, unknowns that the side touches)
-  Matrix held;        ///< the body on these unknowns, with the springs k of its other sides
-  std::string body;   ///< its name
+  Vector direction;  ///< k of the rows
+  SparseRows trace;  ///< (rows, unknowns that the side touches)
+  Matrix held;       ///< the body on these unknowns, with the springs k of its other sides
+  std::string body;  ///< its name
 
   PairSide() = default;
   /// @param row_in_body first row of the side among those of the body
