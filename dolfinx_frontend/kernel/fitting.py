@@ -14,6 +14,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.kernel.subspace import Bodies, Subspace
@@ -39,6 +40,7 @@ FAINT = 1e-9
 """A fluctuation that is so small beside the mean is measured with it."""
 
 
+@alone
 def fitted(
     problem: Problem, plan: Plan, applied: Callable[[Laws], Laws], amplitudes: Array, means: int
 ) -> tuple[Solver, list[State]]:
