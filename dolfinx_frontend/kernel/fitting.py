@@ -108,8 +108,9 @@ def fitted(
 def _underestimated(measured: Sequence[float]) -> float:
     """How many times larger errors may be than one cycle says, of errors before every round.
 
-    Where the eigenvalues of M^-1 A lie in [1 / kappa, 1], r^T A^-1 r <= kappa r^T M^-1 r, and conjugate gradients
-    take the fraction (sqrt(kappa) - 1) / (sqrt(kappa) + 1) from the error in a step: the rounds tell kappa.
+    Where the eigenvalues of M^-1 A lie in [1 / kappa, 1], r^T A^-1 r <= kappa r^T M^-1 r, and conjugate
+    gradients take the fraction (sqrt(kappa) - 1) / (sqrt(kappa) + 1) from the error in a step: the rounds
+    tell kappa.
     """
     recent = np.array(measured[-_RECENT:])
     if not recent[-1] > 0.0:

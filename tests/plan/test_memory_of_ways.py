@@ -90,6 +90,7 @@ def test_a_limit_of_the_process() -> None:
 def test_why_a_factor_failed() -> None:
     """Memory that ran out is not a structure that moves."""
     matrix = sp.eye(10, format="csr")
-    for text, code in (("CHOLMOD analysis failed with status -2", 76), ("status -3", 76), ("Out of memory", 55)):
+    said = (("CHOLMOD analysis failed with status -2", 76), ("status -3", 76), ("Out of memory", 55))
+    for text, code in said:
         assert "has not enough memory" in _reason("cholmod", matrix, text, code)
     assert "not positive definite" in _reason("cholmod", matrix, "failed with status 1", 76)
