@@ -14,6 +14,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.kernel.subspace import Bodies, Subspace
@@ -39,6 +40,7 @@ FAINT = 1e-9
 """A fluctuation that is so small beside the mean is measured with it."""
 
 
+@alone
 def fitted(
     problem: Problem, plan: Plan, applied: Callable[[Laws], Laws], amplitudes: Array, means: int
 ) -> tuple[Solver, list[State]]:
@@ -106,8 +108,9 @@ def fitted(
 def _underestimated(measured: Sequence[float]) -> float:
     """How many times larger errors may be than one cycle says, of errors before every round.
 
-    Where the eigenvalues of M^-1 A lie in [1 / kappa, 1], r^T A^-1 r <= kappa r^T M^-1 r, and conjugate gradients
-    take the fraction (sqrt(kappa) - 1) / (sqrt(kappa) + 1) from the error in a step: the rounds tell kappa.
+    Where the eigenvalues of M^-1 A lie in [1 / kappa, 1], r^T A^-1 r <= kappa r^T M^-1 r, and conjugate
+    gradients take the fraction (sqrt(kappa) - 1) / (sqrt(kappa) + 1) from the error in a step: the rounds
+    tell kappa.
     """
     recent = np.array(measured[-_RECENT:])
     if not recent[-1] > 0.0:

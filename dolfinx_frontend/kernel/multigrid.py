@@ -88,8 +88,8 @@ class Multigrid:
     rigid
         (n, r) rigid motions.
     springs
-        Added to the matrix. The two levels apply them one after the other: beside soft parts, sums would take the
-        digits of the matrix.
+        Added to the matrix. The two levels apply them one after the other: beside soft parts, sums would take
+        the digits of the matrix.
     """
 
     def __init__(
@@ -161,7 +161,8 @@ class Multigrid:
         return out
 
     def energies(self, block: Array) -> Array:
-        """About b^T A^-1 b (c, c) of a block of forces (n, c), which costs less than a cycle on all of them."""
+        """About b^T A^-1 b (c, c) of a block of forces (n, c), which costs less than a cycle on all of
+        them."""
         if self._levels is None:
             return block.T @ self.cycle(block)
         return self._levels.energies(block)

@@ -203,7 +203,8 @@ class Subspace:
     def with_fields(self, block: Array) -> Subspace:
         """The basis and what a block of displacements (n, c) adds to it, orthonormal in energy.
 
-        What the basis has is taken out before anything is multiplied by K: what is left may be small beside it.
+        What the basis has is taken out before anything is multiplied by K: what is left may be small beside
+        it.
         """
         bodies = self.bodies
         block = np.array(block, order="F")

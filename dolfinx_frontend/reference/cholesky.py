@@ -125,7 +125,7 @@ def _too_large(solver: str, matrix: sp.csr_matrix) -> str:
 
 def _reason(solver: str, matrix: sp.csr_matrix, text: str, code: int) -> str:
     """Why a factorisation failed, of what PETSc says."""
-    found = re.search(r"status (-?\d+)", text)
+    found = re.search(r"(?:status|CHOLMOD error) (-?\d+)", text)
     status = int(found[1]) if found else 0
     memory = code == _PETSC_MEMORY or status in (_CHOLMOD_MEMORY, _CHOLMOD_TOO_LARGE)
     return _too_large(solver, matrix) if memory else _INDEFINITE

@@ -3,8 +3,8 @@
 ``./run bench large --unknowns N --json FILE`` meshes the bolted vessel with about N unknowns and writes
 
 * ``unknowns``, ``unit_s``: seconds of one solution of the assembled structure by the fastest of CHOLMOD,
-  MUMPS and conjugate gradients with GAMG (to a residual of 1e-6), and ``unit_solver``; ``solvers``: all of them,
-  with the peak memory beyond the assembled matrix, or why there is none;
+  MUMPS and conjugate gradients with GAMG (to a residual of 1e-6), and ``unit_solver``; ``solvers``: all of
+  them, with the peak memory beyond the assembled matrix, or why there is none;
 * ``pce_units``, ``pce_s``: order-3 chaos of joint and screw in units, from the matrices of the parts to the
   coefficients of all displacements, by the backend that the plan takes (``pce_backend``), to an energy error
   of ``error`` (estimated; up to 250 000 unknowns ``true_error``, against SSFEM converged to 1e-11);

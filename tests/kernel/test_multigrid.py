@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from latin_core import InputError, NumericalError
+from latin_core import NumericalError
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend import (
@@ -28,6 +28,7 @@ from dolfinx_frontend import (
     sweep,
 )
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel import fitting
 from dolfinx_frontend.kernel.multigrid import PREFIX
 
 PETSc: Any = _PETSc
@@ -35,7 +36,7 @@ PETSc: Any = _PETSc
 MULTIGRID = Options(backend="multigrid", rtol=1e-6)
 
 
-def blocks(law: Any, degree: int = 2, cell: str = "hexahedron", cells: int = 4) -> Problem:
+def blocks(law: Any, degree: int = 2, cell: str = "hexahedron", cells: int = 3) -> Problem:
     """Three blocks, the last two glued, on an elastic foundation: pushed, pulled down at the end, and
     shortened."""
     scene = Scene()
@@ -78,6 +79,10 @@ def test_an_active_joint() -> None:
     found = solve(problem, active=["joint"], options=MULTIGRID)
     assert found.converged
     assert apart(problem, found.displacements, exact.displacements) <= MULTIGRID.rtol
+    coarser = solve(problem, active=["joint"], options=MULTIGRID.with_(rtol=1e-2))
+    finer = coarser.continuation(coarser, 1e-5)
+    assert finer.converged and finer.error <= 1e-5
+    assert apart(problem, finer.displacements, exact.displacements) <= 1e-5
 
 
 def test_a_random_joint() -> None:
@@ -94,15 +99,15 @@ def test_a_random_joint() -> None:
 
 
 def test_options_of_petsc_go_first() -> None:
-    problem = blocks(ELASTIC)
+    problem = blocks(ELASTIC, cells=2)
     exact = solve(problem)
     options = PETSc.Options()
     options[f"{PREFIX}pc_type"] = "icc"
     try:
-        found = solve(problem, options=MULTIGRID)
+        found = solve(problem, options=MULTIGRID.with_(rtol=1e-3))
     finally:
         options.delValue(f"{PREFIX}pc_type")
-    assert apart(problem, found.displacements, exact.displacements) <= MULTIGRID.rtol
+    assert apart(problem, found.displacements, exact.displacements) <= 1e-3
     assert found.solver.space is not None
     assert found.solver.space.bodies.multigrid.pc.getType() == "icc"
 
@@ -130,7 +135,13 @@ def test_indices_of_64_bits() -> None:
     assert apart(problem, found.displacements, exact.displacements) <= 1e-9
 
 
-def test_bad_backend() -> None:
-    with pytest.raises(InputError, match="'cholmod64', 'mumps' or 'multigrid'|'multigrid'"):
-        Options(backend="pardiso")  # type: ignore[arg-type]
-    assert issubclass(NumericalError, RuntimeError)
+def test_cycles_that_do_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lower level that is of no use, near incompressibility: no answer, and a way out."""
+    scene = Scene()
+    box = geometry.box((10.0, 10.0, 10.0), (2, 2, 2), cell="hexahedron")
+    scene.substructure("b", box, LinearElastic(E=200e3, nu=0.4999), degree=2)
+    scene.fix("b:x0")
+    scene.traction("b:x1", (0.0, 0.0, 1.0))
+    monkeypatch.setattr(fitting, "ROUNDS", 8)
+    with pytest.raises(NumericalError, match="ended at an error of .*: use backend='cholmod'"):
+        solve(assemble(scene), options=MULTIGRID)

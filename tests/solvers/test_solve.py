@@ -306,7 +306,7 @@ def test_criterion_is_what_is_stopped_on(problem):
         ({"relaxation": 0.0}, r"relaxation is 0\.0: it must lie in \(0, 1\]"),
         ({"relaxation": 1.1}, r"relaxation is 1.1"),
         ({"operator": "inverse"}, r"operator 'inverse' is not known: use 'automatic', 'condensed' or"),
-        ({"backend": "lu"}, r"backend 'lu' is not known: use 'automatic', 'cholmod' or 'mumps'"),
+        ({"backend": "lu"}, r"use 'automatic', 'cholmod', 'cholmod64', 'mumps' or 'multigrid'"),
     ],
 )
 def test_options_out_of_range(problem, change, message):

@@ -138,9 +138,9 @@ void start_quietly(cholmod_common& common) {
 }
 
 std::string failure(const std::string& name, Index size, int status) {
-  return status == CHOLMOD_OUT_OF_MEMORY ? out_of_memory(name, size)
-                                         : "CHOLMOD could not factorise '" + name + "' (status " +
-                                               std::to_string(status) + ")";
+  return status == CHOLMOD_OUT_OF_MEMORY
+             ? out_of_memory(name, size)
+             : "CHOLMOD could not factorise '" + name + "' (status " + std::to_string(status) + ")";
 }
 
 /// A square matrix for CHOLMOD, without its arrays.
@@ -479,8 +479,8 @@ class MumpsFactor final : public Factor {
           "get a MUMPS factor");
     MatFactorInfo info;
     check(MatFactorInfoInitialize(&info), "prepare a factorisation");
-    bool done = MatCholeskyFactorSymbolic(factor_.get(), matrix_.get(), nullptr, &info) ==
-                PETSC_SUCCESS;
+    bool done =
+        MatCholeskyFactorSymbolic(factor_.get(), matrix_.get(), nullptr, &info) == PETSC_SUCCESS;
     done = done && succeeded() &&
            MatCholeskyFactorNumeric(factor_.get(), matrix_.get(), &info) == PETSC_SUCCESS;
     if (!done || !succeeded()) {
