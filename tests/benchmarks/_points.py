@@ -1,7 +1,7 @@
 """Points over ranks, for ``scaling.py``: samples of the bolted vessel, friction sets of the lap joint.
 
-Of each case: one rank without ``points_comm`` (``plain``), and 1 and 2 ``ranks`` with it, in turn. ``seconds``
-of the call (factorisation included), the median of some calls in the fastest of some launches; ``cpu_s``,
+Of each case: one rank without ``points_comm`` (``plain``), and 1 and 2 ``ranks`` with it, in turn.
+``seconds`` of the call (factorisation included), the median of some calls in the fastest of some launches; ``cpu_s``,
 processor time of the slowest rank, which says on a loaded machine what wall time does not (waiting for others
 is in it); ``speedup`` over one rank, ``speedup_of_plain`` and ``cpu_speedup`` over the plain call;
 ``iterations`` of all points; ``difference`` from one rank and ``difference_of_plain`` from the plain call,
@@ -131,7 +131,8 @@ def cases(samples: int, sets: int, launches: int, repeats: int) -> list[dict[str
         each = found[-1]
         print(
             f"{each['points']} {each['case']} ({each['unknowns']} unknowns): "
-            f"{each['plain']['seconds']:.1f} s plain, {each['seconds'][0]:.1f} s on 1 rank, {each['seconds'][-1]:.1f} s on {RANKS[-1]}: "
+            f"{each['plain']['seconds']:.1f} s plain, {each['seconds'][0]:.1f} s on 1 rank, "
+            f"{each['seconds'][-1]:.1f} s on {RANKS[-1]}: "
             f"{each['speedup'][-1]:.2f} times faster (than plain {each['speedup_of_plain'][-1]:.2f}, by "
             f"processor time {each['cpu_speedup'][-1]:.2f}), differences {each['difference']:.1e} and "
             f"{each['difference_of_plain']:.1e}",
