@@ -1,9 +1,9 @@
 """Points over ranks, for ``scaling.py``: samples of the bolted vessel, friction sets of the lap joint.
 
 Of each case: one rank without ``points_comm`` (``plain``), and 1 and 2 ``ranks`` with it, in turn.
-``seconds`` of the call (factorisation included), the median of some calls in the fastest of some launches; ``cpu_s``,
-processor time of the slowest rank, which says on a loaded machine what wall time does not (waiting for others
-is in it); ``speedup`` over one rank, ``speedup_of_plain`` and ``cpu_speedup`` over the plain call;
+``seconds`` of the call (factorisation included), the median of some calls in the fastest of some launches;
+``cpu_s``, processor time of the slowest rank, which says on a loaded machine what wall time does not (waiting
+for others is in it); ``speedup`` over one rank, ``speedup_of_plain`` and ``cpu_speedup`` over the plain call;
 ``iterations`` of all points; ``difference`` from one rank and ``difference_of_plain`` from the plain call,
 relative to the largest value.
 """
