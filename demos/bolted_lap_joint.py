@@ -402,9 +402,9 @@ def study(problem: Problem, n: int, rtol: float = RTOL, **settings: Any) -> Swee
     )
 
 
-def study_problem(joint: LapJoint) -> Problem:
-    """Tightening, then a pull at the end."""
-    return assemble(build_scene(joint, SHEAR * (PULL, 0.0, 0.0)))
+def study_problem(joint: LapJoint, comm: Any = None) -> Problem:
+    """Tightening, then a pull at the end; `comm` as for assemble."""
+    return assemble(build_scene(joint, SHEAR * (PULL, 0.0, 0.0)), comm=comm)
 
 
 def cold(joint: LapJoint, friction: float, jump: float, half_bolt: float) -> tuple[float, float]:

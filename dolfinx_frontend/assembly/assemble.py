@@ -151,7 +151,8 @@ def _assemble(
     if comm is None and MPI.COMM_WORLD.size > 1:
         warn(
             f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
-            "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant",
+            "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant (as for points "
+            "over ranks, points_comm=)",
             SceneWarning,
         )
     comm = None if comm is None or comm.size == 1 else comm

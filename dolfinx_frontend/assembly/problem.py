@@ -84,6 +84,7 @@ class Problem(OneProcess):
             ``"raise"``.
             checkpoint: a file of the points that were solved; a script that asks for the same ones in the
             same order again is answered from it, with the same digits, and goes on.
+            points_comm: as for :func:`sweep`, ranks that solve the points together: all make the same calls.
 
         Raises
         ------

@@ -236,8 +236,8 @@ def one_call(comm: Any, call: str) -> Iterator[None]:
 
 
 def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorator: a function of a problem or a result that all ranks call, see :func:`one_call`: those of the problem
-    and those of an argument ``points_comm``."""
+    """Decorator: a function of a problem or a result that all ranks call, see :func:`one_call`: those of the
+    problem, and those of an argument ``points_comm``."""
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         @functools.wraps(function)

@@ -211,7 +211,7 @@ def reliability(
     settings
         active, direction, options, plan, times: as for :func:`solve`. checkpoint: a file of the points that
         were solved; the same call goes on with it, with the same digits, also with a smaller `cov` or a
-        larger `most`.
+        larger `most`. points_comm: ranks that solve the points together, as for :func:`sweep`.
 
     Raises
     ------

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from latin_core import RemoteError, Shares, differences
+from latin_core import RemoteError, Shares
+from latin_core.checkpoint import differences
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem
@@ -51,8 +52,8 @@ class PointRanks:
         inside = size == 1 or MPI.Group.Intersection(group.group, self.comm.group).size == size
         if not all(self.comm.allgather(inside)):
             raise SceneError(
-                f"{where}: points_comm lacks some of the ranks that the problem is spread over: give one that "
-                "has them all, e.g. MPI.COMM_WORLD"
+                f"{where}: points_comm lacks some of the ranks that the problem is spread over: give one "
+                "that has them all, e.g. MPI.COMM_WORLD"
             )
         if self.comm.size > 1:
             end_all_on_errors(self.comm)
@@ -133,7 +134,8 @@ def one_answer() -> Iterator[None]:
 def points_shown(
     what: str, count: int, shown: bool, problem: Problem, ranks: PointRanks | None
 ) -> Iterator[Callable[[int], None]]:
-    """A progress bar of a walk over points, on one rank; what is yielded is called with the iterations of each."""
+    """A progress bar of a walk over points, on one rank; what is yielded is called with the iterations of
+    each point."""
     iterations = 0
     shown = shown and (problem.rank == 0 if ranks is None else ranks.first)
     with Bar(count, what, "point", shown, stays=True) as bar:

@@ -286,6 +286,8 @@ def sample_on(
             ranks=ranks,
         )
     report_points("sampling", interrupt, swept, file)
+    if ranks is not None:
+        ranks.close()
     return SampleResult(
         problem,
         plan,

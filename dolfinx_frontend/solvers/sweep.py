@@ -246,9 +246,9 @@ def sweep(
         Name -> function of the interface fields of a point (a :class:`Block` of one sample) that returns
         (1,) or (1, ...), the sample in front; only that is kept, where all fields would be too many.
     points_comm
-        mpi4py communicator of ranks that solve the points together, e.g. ``MPI.COMM_WORLD``; every rank has the
-        whole problem (``assemble(scene, comm=MPI.COMM_SELF)``), all call alike and get the whole result. None: no
-        ranks beside those of the problem.
+        mpi4py communicator of ranks that solve the points together, e.g. ``MPI.COMM_WORLD``; every rank has
+        the whole problem (``assemble(scene, comm=MPI.COMM_SELF)``), all call alike and get the whole result.
+        None: no ranks beside those of the problem.
 
     Raises
     ------
@@ -310,6 +310,8 @@ def sweep(
             ranks=ranks,
         )
     report_points("sweep", interrupt, points, file)
+    if ranks is not None:
+        ranks.close()
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): read_only(values) for key, values in axes.items()}
     return SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))

@@ -10,6 +10,7 @@ import json
 import os
 import platform
 import re
+import shutil
 import statistics
 import subprocess
 import sys
@@ -98,6 +99,23 @@ def environment() -> dict[str, Any]:
         "petsc": ".".join(str(n) for n in PETSc.Sys.getVersion()),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
     }
+
+
+def launch(script: str, ranks: int, *arguments: str) -> None:
+    """A file with ``--work`` on some ranks of the environment's mpirun."""
+    mpirun = shutil.which("mpirun") or shutil.which("mpiexec")
+    if mpirun is None:
+        raise FileNotFoundError("no mpirun in this environment")
+    version = subprocess.run([mpirun, "--version"], capture_output=True, text=True, check=False)
+    flags = ["--allow-run-as-root", "--oversubscribe"] if "Open MPI" in version.stdout else []
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    # the benchmark itself has initialised MPI as a process of its own
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "OMPI_COMM_"))}
+    subprocess.run(
+        [mpirun, *flags, "-n", str(ranks), sys.executable, script, "--work", *arguments],
+        env={**inherited, **threads},
+        check=True,
+    )
 
 
 def commit() -> str:

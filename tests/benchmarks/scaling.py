@@ -7,7 +7,8 @@ some solves; ``fastest_iteration_s``, the fastest iteration of all; ``global_cpu
 a global stage on the slowest rank (no communication is in it); ``setup_s`` (factorisation and
 condensation, slowest rank); of each ``..._ratio`` of one rank to two, ``ratio`` being that of the
 iteration; ``max_difference`` of the displacements, relative to the largest one. ``ratio`` and
-``max_difference`` at the top level are the least and the largest of the rows.
+``max_difference`` at the top level are the least and the largest of the rows. ``cases`` has of this chain and
+of points over ranks (see ``_points.py``) what was measured: ``ranks``, ``speedup`` (wall), ``difference``.
 
 One thread a rank. Other work on the machine slows two ranks more than one, because they wait for each
 other in every iteration: ``load`` of the machine before the first run stands in ``environment``. Processor
@@ -17,15 +18,13 @@ times say what a loaded machine hides.
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from time import thread_time
 from typing import Any
 
+import _points
 import common
 import numpy as np
 from dolfinx import mesh as dmesh
@@ -126,23 +125,6 @@ def work(cells: int, random: bool, repeats: int, folder: Path) -> None:
         (folder / "times.json").write_text(json.dumps(best), encoding="utf-8")
 
 
-def launch(ranks: int, *arguments: str) -> None:
-    """This file on some ranks of the environment's mpirun."""
-    mpirun = shutil.which("mpirun") or shutil.which("mpiexec")
-    if mpirun is None:
-        raise FileNotFoundError("no mpirun in this environment")
-    version = subprocess.run([mpirun, "--version"], capture_output=True, text=True, check=False)
-    flags = ["--allow-run-as-root", "--oversubscribe"] if "Open MPI" in version.stdout else []
-    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    # the benchmark itself has initialised MPI as a process of its own
-    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "OMPI_COMM_"))}
-    subprocess.run(
-        [mpirun, *flags, "-n", str(ranks), sys.executable, __file__, "--work", *arguments],
-        env={**inherited, **threads},
-        check=True,
-    )
-
-
 def row(cells: int, random: bool, repeats: int, launches: int) -> dict[str, Any]:
     """One rank and two in turn, some times; the best of each."""
     found: dict[int, dict[str, Any]] = {}
@@ -150,7 +132,7 @@ def row(cells: int, random: bool, repeats: int, launches: int) -> dict[str, Any]
     for _ in range(launches):
         for ranks in RANKS:
             with tempfile.TemporaryDirectory() as folder:
-                launch(ranks, str(cells), str(int(random)), str(repeats), folder)
+                common.launch(__file__, ranks, str(cells), str(int(random)), str(repeats), folder)
                 times = json.loads((Path(folder) / "times.json").read_text(encoding="utf-8"))
                 known = found.setdefault(ranks, times)
                 for key in TIMES:
@@ -183,6 +165,8 @@ def main() -> None:
         return
     parser = common.parser("scaling", __doc__)
     parser.add_argument("--cells", type=int, default=5, help="cells along an edge of a part")
+    parser.add_argument("--samples", type=int, default=10_000, help="of the vessel, over ranks")
+    parser.add_argument("--sets", type=int, default=10, help="friction sets of the lap joint: to the power 3")
     parser.add_argument("--launches", type=int, default=3, help="launches of one and of two ranks in turn")
     arguments = parser.parse_args()
     environment = common.environment() | {"threads": "1 a rank"}
@@ -197,8 +181,19 @@ def main() -> None:
             f"iterations {last['fastest_iteration_ratio']:.2f}, processor time of the global stage "
             f"{last['global_cpu_ratio']:.2f}), largest difference {last['max_difference']:.1e}"
         )
+    cases = [
+        {
+            "case": f"iteration of a chain, {each['columns']} columns",
+            "ranks": each["ranks"],
+            "speedup": [1.0, each["ratio"]],
+            "difference": each["max_difference"],
+        }
+        for each in rows
+    ]
+    cases += _points.cases(arguments.samples, arguments.sets, arguments.launches, arguments.repeats)
     record = {
         "environment": environment,
+        "cases": cases,
         "chain": rows,
         "ratio": min(each["ratio"] for each in rows),
         "max_difference": max(each["max_difference"] for each in rows),

@@ -219,6 +219,42 @@ TEST(Sweep, EveryPointMatchesAndLaterPointsAreCheap) {
             (points - 1) * iterations[0]);
 }
 
+/// A share starts from what was known after the first points, whatever has been solved since.
+TEST(Sweep, SharesAreTheSameInAnyOrder) {
+  chain::Scene scene;
+  scene.parts = 4;
+  const latin::substructure::Laws laws = scene.build();
+  const Index points = 12;
+  const Vector values = Vector::LinSpaced(points, 0.5, 5.0);
+  std::vector<latin::iteration::SweptParameter> swept;
+  for (int joint = 1; joint < 4; ++joint) {
+    swept.push_back(
+        {"joint" + std::to_string(joint), "normal", Matrix::Ones(1, 1), values.transpose()});
+  }
+  const auto states = [&](const std::vector<std::vector<Index>>& shares) {
+    std::vector<Matrix> found(points);
+    std::size_t number = 0;
+    latin::iteration::sweep(
+        laws, chain::options(), Matrix::Ones(1, 1), swept, {2, 8}, {}, {}, {},
+        [&](Index point, const latin::substructure::Laws&, const latin::iteration::Summary& summary,
+            const State& state) {
+          EXPECT_EQ(summary.status, Status::converged);
+          chain::Scene exact = scene;
+          exact.stiffness = values(point);
+          EXPECT_NEAR(chain::end_displacement(laws, state), exact.exact(), 1e-7);
+          found[static_cast<std::size_t>(point)] = state.data;
+        },
+        [&] { return number < shares.size() ? shares[number++] : std::vector<Index>{}; });
+    return found;
+  };
+  const auto one = states({{0, 1, 3, 4, 5}, {6, 7}, {9, 10, 11}});
+  const auto other = states({{9, 10, 11}, {0, 1, 3, 4, 5}, {6, 7}});
+  for (std::size_t point = 0; point < one.size(); ++point) {
+    ASSERT_GT(one[point].size(), 0) << point;
+    EXPECT_LT((one[point] - other[point]).norm(), 1e-12 * one[point].norm()) << point;
+  }
+}
+
 TEST(Sweep, StartsFromStatesOfAnEarlierRun) {
   const chain::Scene scene;
   const latin::substructure::Laws laws = scene.build();

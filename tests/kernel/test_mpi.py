@@ -126,7 +126,7 @@ def test_coarse_problem_newton_and_matrix_directions_are_those_of_one_rank() -> 
 
 
 def test_points_side_by_side_and_derivatives_are_those_of_one_rank() -> None:
-    run = launch(2, "mpi_points.py")
+    run = launch(2, "mpi_together.py")
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.count("same derivatives") == 2
 

@@ -47,7 +47,7 @@ from latin_core._core import (
     python_law,
     snake_order,
 )
-from latin_core.checkpoint import Checkpoint, CheckpointError, CheckpointWarning, differences
+from latin_core.checkpoint import Checkpoint, CheckpointError, CheckpointWarning
 from latin_core.options import Options
 from latin_core.shares import Shares
 from latin_core.sweep import SweepPoints, SweptParameter, sweep
@@ -96,7 +96,6 @@ __all__ = [
     "available_backends",
     "bound_threads",
     "compiled_law",
-    "differences",
     "find_roots",
     "get_include",
     "python_law",

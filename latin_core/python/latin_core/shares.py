@@ -1,8 +1,8 @@
-"""Points of a sweep over ranks: every rank has the whole structure, and takes a share of the points when it is free.
+"""Points of a sweep over ranks: every rank has the whole structure and takes shares of the points.
 
-The points are cut into shares beforehand, in the same way for any number of ranks. All ranks solve the same few
-points, the pilots; every share starts from these and from nothing else. So an answer does not depend on who
-solved which share, nor on how many ranks there were, but for rounding.
+The points are cut into shares beforehand, in the same way for any number of ranks. All ranks solve the same
+few points, the pilots; every share starts from these and from nothing else. So an answer does not depend on
+who solved which share, nor on how many ranks there were, but for rounding.
 
 The first rank hands out the shares, keeps what the points leave and writes the checkpoint. It works, too, and
 answers the others between two of its iterations; so they ask for a share before they have finished the last.
@@ -46,8 +46,8 @@ def split(
 ) -> tuple[list[int], list[list[int]]]:
     """Pilots and shares of points; they do not depend on the number of ranks.
 
-    A share is a box of neighbours, walked in the given order: the fewer points lie on its rim, the fewer miss a
-    neighbour to start from. The last shares are small, so that all ranks end together.
+    A share is a box of neighbours, walked in the given order: the fewer points lie on its rim, the fewer miss
+    a neighbour to start from. The last shares are small, so that all ranks end together.
 
     Parameters
     ----------
@@ -100,8 +100,8 @@ class Shares:
     comm
         mpi4py communicator of all of them.
     group
-        Communicator of the ranks that hold one structure together, as many in every group; None: each rank has
-        the whole of it.
+        Communicator of the ranks that hold one structure together, as many in every group; None: each rank
+        has the whole of it.
 
     Attributes
     ----------

@@ -326,9 +326,9 @@ def sweep(
     start
         Guesses of the states of some points, from which they and their neighbours are started.
     shares
-        Ranks over which the points are spread; all of them call this alike, have the same structure, and get the
-        whole result. `progress` and `callback` are called on the rank that solves; `header` and `checkpoint` are
-        those of the first rank.
+        Ranks over which the points are spread; all of them call this alike, have the same structure, and get
+        the whole result. `progress` and `callback` are called on the rank that solves; `header` and
+        `checkpoint` are those of the first rank.
 
     Raises
     ------
@@ -424,7 +424,8 @@ def _coordinates(parameters: Sequence[SweptParameter]) -> Array:
     every: Array = np.concatenate(values).T
     size = np.ptp(every, axis=0)
     size[size == 0.0] = 1.0
-    return every / size
+    scaled: Array = every / size
+    return scaled
 
 
 class _OverRanks:

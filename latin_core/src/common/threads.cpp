@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstddef>
+#include <exception>
 #include <thread>
 
 // of whichever BLAS and OpenMP are there; null where they are not
@@ -38,7 +40,73 @@ std::array<unsigned char, 1024> own_cores() {
   return cores;
 }
 
+/// Threads of the linear algebra; 1 where that cannot be asked.
+int threads_of_algebra() {
+  if (openblas_get_num_threads != nullptr) {
+    return std::max(openblas_get_num_threads(), 1);
+  }
+  return omp_get_max_threads != nullptr ? std::max(omp_get_max_threads(), 1) : 1;
+}
+
+/// One thread of OpenBLAS, as long as this lives.
+class OneThread {
+ public:
+  OneThread() {
+    if (openblas_get_num_threads != nullptr && openblas_set_num_threads != nullptr) {
+      before_ = openblas_get_num_threads();
+      openblas_set_num_threads(1);
+    }
+  }
+  ~OneThread() {
+    if (before_ > 0) {
+      openblas_set_num_threads(before_);
+    }
+  }
+  OneThread(const OneThread&) = delete;
+  OneThread& operator=(const OneThread&) = delete;
+  OneThread(OneThread&&) = delete;
+  OneThread& operator=(OneThread&&) = delete;
+
+ private:
+  int before_ = 0;
+};
+
 }  // namespace
+
+void side_by_side(const std::vector<std::size_t>& order,
+                  const std::function<void(std::size_t)>& work) {
+  const auto count = std::min(order.size(), static_cast<std::size_t>(threads_of_algebra()));
+  if (count < 2) {
+    std::vector<std::size_t> sorted = order;  // the first that fails has the smallest number
+    std::ranges::sort(sorted);
+    std::ranges::for_each(sorted, work);
+    return;
+  }
+  const OneThread one;
+  std::atomic<std::size_t> next{0};
+  std::vector<std::exception_ptr> failures(*std::ranges::max_element(order) + 1);
+  const auto take = [&] {
+    for (std::size_t at = next++; at < order.size(); at = next++) {
+      try {
+        work(order[at]);
+      } catch (...) {
+        failures[order[at]] = std::current_exception();
+      }
+    }
+  };
+  {
+    std::vector<std::jthread> others;
+    for (std::size_t each = 1; each < count; ++each) {
+      others.emplace_back(take);
+    }
+    take();
+  }
+  for (const std::exception_ptr& failure : failures) {
+    if (failure) {
+      std::rethrow_exception(failure);
+    }
+  }
+}
 
 int bound_threads(const Communicator& communicator) {
   auto cores = own_cores();

@@ -4,12 +4,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <iterator>
 #include <numeric>
+#include <optional>
 #include <ranges>
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 
 namespace latin::substructure {
 namespace {
@@ -200,7 +203,7 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
 
 void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
                              const OperatorOptions& options, const Structure* before) {
-  bodies_.reserve(bodies.size());
+  std::vector<const Body*> old(bodies.size());
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     body_rows_.push_back(rows_);
     for (std::size_t s = 0; s < sides.of_body[b].size(); ++s) {
@@ -208,12 +211,23 @@ void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
       interfaces_[interface].rows[side] = rows_;
       rows_ += sides.of_body[b][s].trace.rows();
     }
-    const Body* old = nullptr;
     if (before != nullptr) {
       const auto found = std::ranges::find(before->bodies_, bodies[b].name, &Body::name);
-      old = found == before->bodies_.end() ? nullptr : &*found;
+      old[b] = found == before->bodies_.end() ? nullptr : &*found;
     }
-    bodies_.emplace_back(std::move(bodies[b]), sides.of_body[b], options, old);
+  }
+  // the largest first: what is left at the end are small ones, of which all threads have some
+  std::vector<std::size_t> order(bodies.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, std::greater<>(),
+                           [&bodies](std::size_t b) { return bodies[b].size; });
+  std::vector<std::optional<Body>> made(bodies.size());
+  side_by_side(order, [&](std::size_t b) {
+    made[b].emplace(std::move(bodies[b]), sides.of_body[b], options, old[b]);
+  });
+  bodies_.reserve(bodies.size());
+  for (std::optional<Body>& body : made) {
+    bodies_.push_back(std::move(*body));
   }
 }
 

@@ -1,5 +1,9 @@
 #pragma once
 
+#include <cstddef>
+#include <functional>
+#include <vector>
+
 #include "latin/common/communicator.hpp"
 
 namespace latin {
@@ -8,5 +12,11 @@ namespace latin {
 /// bound to different ones, else an equal part. A smaller number of threads (OMP_NUM_THREADS) is kept.
 /// Collective. @return threads that a rank may use
 int bound_threads(const Communicator& communicator);
+
+/// Call `work` of every number in `order`, which begin in this order, on as many threads as the linear algebra has
+/// (OMP_NUM_THREADS, bound_threads()); that works on one thread meanwhile. All are called, also after one has failed.
+/// @throws what the work of the smallest number that failed has thrown
+void side_by_side(const std::vector<std::size_t>& order,
+                  const std::function<void(std::size_t)>& work);
 
 }  // namespace latin
