@@ -183,6 +183,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "design",
         "densities",
         "tails",
+        "doubled",
         "importance",
         "limit",
         "reliability",
