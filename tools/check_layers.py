@@ -178,6 +178,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "gradients",
         "events",
         "journal",
+        "reduced",
         "function",
         "screening",
         "design",

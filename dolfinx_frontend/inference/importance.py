@@ -67,7 +67,10 @@ def importance_sampling(
     """
     samples = _Samples(limit, points, cov)
     allowed = limit.points + most
-    wanted = FEWEST // 2
+    samples.draw(rng, max(min(FEWEST // 2, most), 1))
+    if samples.explained() and samples.doubled(rng, allowed):
+        return samples.found(level)
+    wanted = FEWEST - FEWEST // 2  # where samples have to be looked at, half of them are too few
     while True:
         samples.draw(rng, max(min(wanted, allowed - limit.points), 1))
         left = allowed - limit.points
@@ -143,6 +146,11 @@ class _Samples:
     def _stage(self, mixture: Mixture) -> None:
         self.stages.append(mixture)
         self.counts.append(0)
+
+    def explained(self) -> bool:
+        """Whether no sample shows a part of the event of which there is no design point."""
+        share = float(self.weights.max(initial=0.0)) / max(float(self.weights.sum()), 1e-300)
+        return share <= HEAVY and not _unexplained(self.limit, self.points, [], self.every, self.margins)
 
     def looked_around(self, search: Search) -> bool:
         """Whether samples led to more design points, or to places where these are missing."""
