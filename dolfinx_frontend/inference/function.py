@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, together
-from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import check_known, checked_name
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.formats.openturns import function_of
@@ -30,7 +30,7 @@ from dolfinx_frontend.inference.gradients import Derivatives, derivatives
 from dolfinx_frontend.inference.inputs import Coordinates, Inputs
 from dolfinx_frontend.inference.journal import BATCH, Journal, Solved, settle
 from dolfinx_frontend.inference.points import answer_of, part_of
-from dolfinx_frontend.inference.reduced import FEWEST, Reduced
+from dolfinx_frontend.inference.reduced import FEWEST, Reduced, neighbours
 from dolfinx_frontend.kernel.running import Interrupt, Interrupted
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings
@@ -272,11 +272,24 @@ class ProblemFunction:
         if self._reduced is None:
             return None
 
-        def read(points: SweepPoints, own: slice) -> Array:
-            answer = answer_of(self.problem, self.plan, self.solver, points, part_of(parameters, own))
-            return self._read(answer, x[own])
+        def solved(reduced: Reduced, which: Ints) -> tuple[Array, Array]:
+            mine = [replace(p, values=np.ascontiguousarray(p.values[:, which])) for p in parameters]
 
-        return self._reduced.solve(parameters, read)
+            def read(points: SweepPoints, own: slice) -> Array:
+                answer = answer_of(self.problem, self.plan, self.solver, points, part_of(mine, own))
+                return self._read(answer, x[which[own]])
+
+            return reduced.solve(mine, read)
+
+        groups = neighbours(x)
+        if len(groups) == 1:
+            return solved(self._reduced, groups[0])
+        values, errors = np.full((len(x), len(self.outputs)), np.nan), np.full(len(x), np.inf)
+        for which in groups:  # near ones have so much in common that a basis for each is smaller by far
+            reduced = Reduced.of(self.solver, parameters)
+            assert reduced is not None  # as the first one
+            values[which], errors[which] = solved(reduced, which)
+        return values, errors
 
     def _solved(self, x: Array) -> Solved:
         """Points (n, inputs), solved."""

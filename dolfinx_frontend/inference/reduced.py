@@ -2,11 +2,11 @@
 
 Solved states obey the bodies and the balance of the interfaces, and so does f = f_0 + sum c_k (f_k - f_0),
 of which jumps and states follow alike. What is left is the law j - Delta = f / K of every spring. Its
-residual r is made orthogonal to the forces of the basis (Galerkin in complementary energy): a small system for
-each point, whose matrices are summed by the values of the springs. The energy of the error is at most sum w K r^2,
-because bodies only add to 1 / K: a bound, computed at every point. Points above the tolerance are solved by
-themselves, and the worst of some that are tried first become part of the basis (A. Patera, G. Rozza, Reduced
-Basis Approximation, 2007, chapter 4).
+residual r is made orthogonal to the forces of the basis (Galerkin in complementary energy): a small system
+for each point, whose matrices are summed by the values of the springs. The energy of the error is at most
+sum w K r^2, because bodies only add to 1 / K: a bound, computed at every point. Points above the tolerance
+are solved by themselves, and the worst of some that are tried first become part of the basis (A. Patera, G.
+Rozza, Reduced Basis Approximation, 2007, chapter 4).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.kernel.bridge import active_fields
 from dolfinx_frontend.kernel.solver import Solver
 
-__all__ = ["FEWEST", "Reduced"]
+__all__ = ["FEWEST", "Reduced", "neighbours"]
 
 FEWEST = 400
 """Points from which on a basis is worth its solves."""
@@ -31,10 +31,29 @@ TIGHTER = 1e-3
 """Tolerance of the points of the basis, relative to that of the others."""
 CHUNK = 512
 """Points at once."""
+MANY = 8192
+"""Points at most that share a basis."""
 TRIED, FEW = 256, 0.02
 """Points on which a basis is tried, and the share of them that may be left to be solved."""
 SAME = 1e-3
 """Directions of the basis below this, of the tolerance times the forces, are left out."""
+
+
+def neighbours(x: Array) -> list[Ints]:
+    """Points (N, inputs) in groups of near ones, cut in the middle along the input that scatters most."""
+    scale = np.std(x, axis=0)
+    scale[scale == 0.0] = 1.0
+    groups: list[Ints] = [np.arange(len(x))]
+    done: list[Ints] = []
+    while groups:
+        own = groups.pop()
+        if len(own) <= MANY:
+            done.append(own)
+            continue
+        along = x[own] / scale
+        order = np.argsort(along[:, int(np.argmax(np.std(along, axis=0)))], kind="stable")
+        groups += [np.sort(each) for each in np.array_split(own[order], 2)]
+    return done
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +221,7 @@ class Reduced:
         self._grouped(parameters)
         if not self._ready:
             if not self._add(parameters, np.unique(np.linspace(0, count - 1, FIRST).astype(np.int64))):
-                return np.full((count, 0), np.nan), errors
+                return np.full((count, 1), np.nan), errors
             self._ready = True
         tried = np.unique(np.linspace(0, count - 1, TRIED).astype(np.int64))
         trial = [replace(p, values=np.ascontiguousarray(p.values[:, tried])) for p in parameters]

@@ -10,6 +10,7 @@ import pytest
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import ProblemFunction, Response, geometry
+from dolfinx_frontend.inference import reduced
 from dolfinx_frontend.inference.reduced import FEWEST, Reduced
 
 Array = npt.NDArray[np.float64]
@@ -67,6 +68,18 @@ def test_springs_that_are_equal_only_in_the_first_batch() -> None:
     found = function(x)
     exact = problem.function("joint", function.inputs, options=lf.Options(rtol=1e-11))(x[:20])
     assert found[:20] == pytest.approx(exact, rel=3e-6)
+
+
+def test_groups_of_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each point is in one group; values are those of one basis."""
+    problem = stacked(lf.Elastic(normal=300.0, tangential=100.0))
+    function = problem.function("joint", ["joint.normal", "stud.normal"])
+    x = spread(function)
+    one = function(x)
+    monkeypatch.setattr(reduced, "MANY", 150)
+    groups = reduced.neighbours(x)
+    assert len(groups) == 4 and np.array_equal(np.sort(np.concatenate(groups)), np.arange(FEWEST))
+    assert problem.function("joint", function.inputs)(x) == pytest.approx(one, rel=3e-6)
 
 
 def test_where_it_does_not_apply() -> None:
