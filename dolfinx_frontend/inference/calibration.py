@@ -422,9 +422,9 @@ def _check_errors(function: ProblemFunction, data: Data, x: Array) -> None:
         if own > NOISY * noise:
             enough = max(function.plan.options.rtol * NOISY * noise / own, 1e-13)
             warn(
-                f"calibrate: the error of a solve, about {own:.2g} of {name}, is not small beside the noise of "
-                f"its mean, {noise:.2g}: give options=Options(rtol={enough:.0e}), or a noise that includes what "
-                "the model leaves out",
+                f"calibrate: the error of a solve, about {own:.2g} of {name}, is not small beside the noise "
+                f"of its mean, {noise:.2g}: give options=Options(rtol={enough:.0e}), or a noise that "
+                "includes what the model leaves out",
                 SceneWarning,
             )
 

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, together
-from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import check_known, checked_name
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.formats.openturns import function_of
@@ -30,6 +30,7 @@ from dolfinx_frontend.inference.gradients import Derivatives, derivatives
 from dolfinx_frontend.inference.inputs import Coordinates, Inputs
 from dolfinx_frontend.inference.journal import BATCH, Journal, Solved, facts_of, settle
 from dolfinx_frontend.inference.points import answer_of, part_of
+from dolfinx_frontend.inference.reduced import FEWEST, Reduced, neighbours
 from dolfinx_frontend.kernel.running import Interrupt, Interrupted
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks
@@ -146,6 +147,8 @@ class ProblemFunction:
         self._kept = int(min(KEPT, max(4, KEPT_BYTES // size)))
         fields = 2 * sum(i.num_points * i.dim for i in inputs.problem.interfaces.values()) * 8
         self._batch = int(max(1, BYTES // (size + fields * plan.steps + 1)))
+        self._looked = False
+        self._reduced: Reduced | None = None
         self._journal: Journal | None = None
         self._written = checkpoint is not None
         if ranks is not None:
@@ -232,6 +235,14 @@ class ProblemFunction:
                 continue
             found.values[k], found.statuses[k], found.places[k] = known.values, known.status, known.place
             found.error[k] = known.error
+        combined = self._combined(points[new]) if new else None
+        if combined is not None:
+            which, (values, error) = np.array(new), combined
+            good = error <= self.plan.options.rtol
+            found.values[which[good]], found.error[which[good]] = values[good], error[good]
+            found.statuses[which[good]] = "converged"
+            self.solves += int(good.sum())
+            new = list(which[~good])
         for first in range(0, len(new), self._batch):
             self._solve(points, np.array(new[first : first + self._batch]), found)
         found.values[~found.converged] = np.nan
@@ -261,6 +272,39 @@ class ProblemFunction:
             )  # fmt: skip
         while len(self._known) > self._kept:
             self._known.popitem(last=False)
+
+    def _combined(self, x: Array) -> tuple[Array, Array] | None:
+        """Values (N, quantities) of many points and their errors, NaN where these are too large.
+
+        As combinations of solved ones, see :mod:`.reduced`; None: laws that are no springs, or few points.
+        """
+        if self._journal is not None or len(x) < FEWEST:
+            return None
+        with agreement(self.problem.comm):
+            parameters = self._inputs.parameters(self.plan, x)
+        if not self._looked:
+            self._looked, self._reduced = True, Reduced.of(self.solver, parameters)
+        if self._reduced is None:
+            return None
+
+        def solved(reduced: Reduced, which: Ints) -> tuple[Array, Array]:
+            mine = [replace(p, values=np.ascontiguousarray(p.values[:, which])) for p in parameters]
+
+            def read(points: SweepPoints, own: slice) -> Array:
+                answer = answer_of(self.problem, self.plan, self.solver, points, part_of(mine, own))
+                return self._read(answer, x[which[own]])
+
+            return reduced.solve(mine, read)
+
+        groups = neighbours(x)
+        if len(groups) == 1:
+            return solved(self._reduced, groups[0])
+        values, errors = np.full((len(x), len(self.outputs)), np.nan), np.full(len(x), np.inf)
+        for which in groups:  # near ones have so much in common that a basis for each is smaller by far
+            reduced = Reduced.of(self.solver, parameters)
+            assert reduced is not None  # as the first one
+            values[which], errors[which] = solved(reduced, which)
+        return values, errors
 
     def _solved(self, x: Array) -> Solved:
         """Points (n, inputs), solved."""

@@ -8,9 +8,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy import special, stats
 
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.inference.densities import Mixture
 from dolfinx_frontend.inference.design import DesignPoint, Limit, worst
+from dolfinx_frontend.inference.doubled import Predictor, Round, sampled_round
 from dolfinx_frontend.inference.tails import Found
 
 __all__ = ["importance_sampling"]
@@ -33,6 +34,10 @@ UNEXPLAINED = 0.4
 MOST_STRANGE = 4
 MOST_FITTED = 4000
 """Samples up to which surfaces are fitted to them."""
+
+FEWEST_SOLVED = 80
+"""Solves of a round whose other samples a polynomial answers."""
+MOST_ROUNDS = 5
 
 Search = Callable[[Array], Sequence[DesignPoint]]
 
@@ -62,7 +67,10 @@ def importance_sampling(
     """
     samples = _Samples(limit, points, cov)
     allowed = limit.points + most
-    wanted = FEWEST
+    samples.draw(rng, max(min(FEWEST // 2, most), 1))
+    if samples.explained() and samples.doubled(rng, allowed):
+        return samples.found(level)
+    wanted = FEWEST - FEWEST // 2  # where samples have to be looked at, half of them are too few
     while True:
         samples.draw(rng, max(min(wanted, allowed - limit.points), 1))
         left = allowed - limit.points
@@ -73,6 +81,8 @@ def importance_sampling(
             wanted = FEWEST // 2
             continue
         if samples.done or left <= 0:
+            return samples.found(level)
+        if samples.doubled(rng, allowed):
             return samples.found(level)
         wanted = samples.wanted()
 
@@ -89,6 +99,9 @@ class _Samples:
         self.margins: Array = np.zeros((0, 0))  # of every sample
         self.weights = np.zeros(0)  # of those where it happens
         self.value, self.spread = 0.0, math.inf
+        self._mean, self._plain = 0.0, math.inf  # without polynomials
+        self._rounds: list[Round] = []
+        self._given_up = False
         self._looked: list[Array] = []
         self._strange = self._fitted = 0
 
@@ -100,6 +113,8 @@ class _Samples:
     @property
     def done(self) -> bool:
         """Whether the estimate is as sure as wanted."""
+        if self.count < FEWEST:
+            return False
         return len(self.hit) >= FEWEST_HITS and _surely(self.weights) * self.spread <= SURE * self.cov
 
     def draw(self, rng: np.random.Generator, count: int) -> None:
@@ -112,14 +127,17 @@ class _Samples:
         self.counts[-1] += count
         ratios = np.stack([stage.ratio(self.hit) for stage in self.stages], axis=1)
         self.weights = self.count * np.exp(-special.logsumexp(ratios, b=np.array(self.counts), axis=1))
-        self.value = float(self.weights.sum()) / self.count
-        square = float(np.sum(self.weights**2)) / self.count - self.value**2
-        self.spread = math.inf
+        self._mean = float(self.weights.sum()) / self.count
+        square = float(np.sum(self.weights**2)) / self.count - self._mean**2
+        self._plain = math.inf
         if len(self.hit):
-            self.spread = math.sqrt(max(square, 0.0) / max(self.count - 1.0, 1.0)) / self.value
+            self._plain = math.sqrt(max(square, 0.0) / max(self.count - 1.0, 1.0)) / self._mean
+        self._combine()
 
     def wanted(self) -> int:
         """How many more are likely to do."""
+        if self.count < FEWEST:
+            return FEWEST - self.count
         if len(self.hit) < 5:
             return self.count
         missing = (_surely(self.weights) * self.spread / (SURE * self.cov)) ** 2
@@ -128,6 +146,11 @@ class _Samples:
     def _stage(self, mixture: Mixture) -> None:
         self.stages.append(mixture)
         self.counts.append(0)
+
+    def explained(self) -> bool:
+        """Whether no sample shows a part of the event of which there is no design point."""
+        share = float(self.weights.max(initial=0.0)) / max(float(self.weights.sum()), 1e-300)
+        return share <= HEAVY and not _unexplained(self.limit, self.points, [], self.every, self.margins)
 
     def looked_around(self, search: Search) -> bool:
         """Whether samples led to more design points, or to places where these are missing."""
@@ -177,14 +200,84 @@ class _Samples:
         self._stage(found)
         return True
 
+    def doubled(self, rng: np.random.Generator, allowed: int) -> bool:
+        """Whether rounds with polynomials do, which spare most solves; made where these are believed."""
+        if self._given_up or len(self.hit) < FEWEST_HITS // 2:
+            return False
+        known, conditions, happens = self.every, self.margins, self._happens(self.margins)
+        ratios = np.stack([stage.ratio(known) for stage in self.stages], axis=1)
+        weights = self.count * np.exp(-special.logsumexp(ratios, b=np.array(self.counts), axis=1))
+        predictor = Predictor.fitted(self.points, known, conditions)
+        if predictor is None or not predictor.believed(self.points, happens, weights, known):
+            return False
+
+        def ask(u: Array) -> tuple[Array, Flags]:
+            there = self.limit.margins(u)
+            return there, self._happens(there)
+
+        solves = FEWEST_SOLVED
+        while len(self._rounds) < MOST_ROUNDS and self.limit.points + solves < allowed:
+            plain = _surely(self.weights) * self._plain
+            otherwise = plain * math.sqrt(self.count / (self.count + solves))
+            one = sampled_round(predictor, self.stages[-1], ask, rng, solves, otherwise)
+            if one is None:
+                break
+            self._rounds.append(one)
+            self._combine()
+            if self.spread <= SURE * self.cov:
+                return True
+            known = np.concatenate([known, one.solved])
+            conditions = np.concatenate([conditions, one.margins])
+            predictor = Predictor.fitted(self.points, known, conditions) or predictor
+            spent = sum(len(each.solved) for each in self._rounds)
+            more = max(spent * ((self.spread / (SURE * self.cov)) ** 2 - 1.0), FEWEST_SOLVED)
+            if more > self.count * ((plain / (SURE * self.cov)) ** 2 - 1.0):
+                break  # as many samples without polynomials do
+            solves = int(min(more, 4.0 * solves))
+        self._given_up = bool(self._rounds)
+        self._combine()
+        return False
+
+    def _happens(self, margins: Array) -> Flags:
+        return np.asarray(worst(margins, self.limit.cuts) < 0.0)
+
+    def _combine(self) -> None:
+        """Value and coefficient of variation of all rounds, each of which counts by its solves.
+
+        Where polynomials were given up, samples without them count as well, by their number: no round is ever
+        thrown away.
+        """
+        if not self._rounds:
+            self.value, self.spread = self._mean, self._plain
+            return
+        counts = [float(len(each.solved)) for each in self._rounds]
+        values = [each.value for each in self._rounds]
+        variances = [each.variance for each in self._rounds]
+        if self._given_up:
+            counts, values = [*counts, float(self.count)], [*values, self._mean]
+            variances.append((self._plain * self._mean) ** 2 if self._mean > 0.0 else math.inf)
+        shares = np.array(counts) / sum(counts)
+        self.value = float(shares @ values)
+        self.spread = math.inf
+        if self.value > 0.0:
+            self.spread = math.sqrt(float(shares**2 @ variances)) / self.value
+
     def found(self, level: float) -> Found:
         """The interval is that of the logarithm: the estimate is positive, and skew where few points hit."""
         hits, spread, value = len(self.hit), self.spread, self.value
-        if not hits:
-            return Found(0.0, 0.0, 1.0, math.inf, self.count, 0, False, self.hit)
-        half = _surely(self.weights) * float(stats.t.isf(0.5 * (1.0 - level), max(hits - 1, 1))) * spread
-        low, high = value * math.exp(-half), min(value * math.exp(half), 1.0)
-        return Found(value, low, high, spread, self.count, hits, spread <= self.cov, self.hit[:200])
+        solved = sum(len(each.solved) for each in self._rounds)
+        if not value > 0.0:
+            return Found(0.0, 0.0, 1.0, math.inf, self.count + solved, hits, False, self.hit)
+        only_rounds = self._rounds and not self._given_up
+        quantile = stats.norm if only_rounds else stats.t(max(hits - 1, 1))
+        half = float(quantile.isf(0.5 * (1.0 - level))) * spread
+        half *= 1.0 if only_rounds else _surely(self.weights)
+        low, high = value * math.exp(-half), value * math.exp(min(half, 600.0))
+        hits += sum(each.hits for each in self._rounds)
+        return Found(
+            value, low, min(high, 1.0), spread, self.count + solved, hits, spread <= self.cov, self.hit[:200],
+            solved,
+        )
 
 
 def _centre(u: Array, limit: Limit) -> DesignPoint:

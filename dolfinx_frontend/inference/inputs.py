@@ -235,7 +235,7 @@ class Inputs:
         if isinstance(value, Varying):
             value = value.terms[0][1]
         if isinstance(value, Operand):
-            return float(value.mean)
+            return float(getattr(value, "mean", 0.0))
         if callable(value):
             value = value(problem.interfaces[target[0]].points)
         try:

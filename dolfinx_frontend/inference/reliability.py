@@ -448,6 +448,9 @@ def _sampled(
         if other.complete:
             return Chance(other, tuple(known), none, "directional", f"{why} are not all there is")
     why += f", {added} of them found by samples" if added else ""
+    if found.doubled:
+        why += f"; polynomials say where the limit is, {found.doubled} solves correct them"
+        asked = asked and f"{asked}; {why}"
     return Chance(found, tuple(known), none, "importance", asked or why)
 
 

@@ -42,6 +42,8 @@ class Found:
         Whether the wanted coefficient of variation was reached.
     failed
         (n, L) some points at which the event happens.
+    doubled
+        Samples that were solved out of many that polynomials answer, see :mod:`.doubled`; 0: no polynomials.
     """
 
     value: float
@@ -52,6 +54,7 @@ class Found:
     hits: int
     complete: bool
     failed: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    doubled: int = 0
 
 
 def plain_sampling(

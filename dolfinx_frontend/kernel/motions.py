@@ -23,7 +23,7 @@ LEAST = 1e-12
 
 
 def motions_of(own: Problem, plan: Plan, members: Sequence[str]) -> dict[str, Array]:
-    """Rigid motions (n, r) of the parts of a body that nothing inside it resists, without what the plan keeps.
+    """Rigid motions (n, r) of the parts of a body that nothing inside it resists, but for what the plan keeps.
 
     They are orthonormal in the mean over the nodes of the body. Empty: the body is held.
     """
@@ -48,7 +48,7 @@ def motions_of(own: Problem, plan: Plan, members: Sequence[str]) -> dict[str, Ar
 
 
 def on_side(motions: Mapping[str, Array], side: Side, frames: Array) -> Array | None:
-    """The motions of a side in the frames (components m, d) of its interface, (components m, r); None: none."""
+    """The motions of a side in the frames (components m, d) of its interface, (components m, r), or None."""
     if side.substructure not in motions:
         return None
     of_nodes = motions[side.substructure]

@@ -216,8 +216,10 @@ class Plan:
 
     @property
     def measured_in_time(self) -> npt.NDArray[np.float64] | None:
-        """Factors (l, T) of load patterns whose sums at the times are what errors are estimated of; None: of the
-        columns."""
+        """Factors (l, T) of load patterns whose sums at the times are what errors are estimated of.
+
+        None: they are estimated of the columns.
+        """
         if self.history != "patterns" or len(self.patterns) == 1 or self.fields:
             return None
         return np.asfortranarray(self.factors())

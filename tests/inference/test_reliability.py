@@ -51,7 +51,7 @@ def test_any_of_three_joints() -> None:
     assert exact(LESS_RARE, 8) == pytest.approx(3.67003e-4, rel=1e-5)
     truth = exact(LESS_RARE, 3)
     event = Event.any(opens(str(k)) for k in range(1, 4))
-    found = reliability(joints(LESS_RARE, 3), event, cov=0.2)
+    found = reliability(joints(LESS_RARE, 3), event, cov=0.2, level=0.99)
     assert len(found.design_points) == 3 and found.cov <= 0.2
     assert found.probability.low <= truth <= found.probability.high
     # the middle of the second order bounds of the union, to 2 %
