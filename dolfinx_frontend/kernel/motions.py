@@ -23,7 +23,7 @@ LEAST = 1e-12
 
 
 def motions_of(own: Problem, plan: Plan, members: Sequence[str]) -> dict[str, Array]:
-    """Rigid motions (n, r) of the parts of a body that nothing inside it resists, but for what the plan keeps.
+    """Rigid motions (n, r) of the parts of a body that nothing resists but what the plan keeps.
 
     They are orthonormal in the mean over the nodes of the body. Empty: the body is held.
     """

@@ -271,7 +271,9 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
       const auto at = static_cast<std::size_t>(b);
       for (Index column = 0; column < forces.cols(); ++column) {
         one.strain(groups.of(column), b) += tangent.strain(b, answer.col(column));
-        one.trace(groups.of(column), b) += structure.trace_size(at, moved.col(column).segment(structure.body_rows()[at], structure.bodies()[at].rows()));
+        one.trace(groups.of(column), b) += structure.trace_size(
+            at,
+            moved.col(column).segment(structure.body_rows()[at], structure.bodies()[at].rows()));
       }
     }
     sizes.strain = sizes.strain.cwiseMax(one.strain);

@@ -119,8 +119,8 @@ class Structure {
   template <class W>
   [[nodiscard]] double trace_size(std::size_t body, const W& traces) const {
     const Matrix& whole = motions_[body];
-    const double of_sides = traces.cwiseAbs2().dot(
-        trace_metric_.segment(body_rows_[body], bodies_[body].rows()));
+    const double of_sides =
+        traces.cwiseAbs2().dot(trace_metric_.segment(body_rows_[body], bodies_[body].rows()));
     return whole.rows() == 0 ? of_sides : of_sides + (whole * traces).squaredNorm();
   }
 
@@ -176,7 +176,8 @@ class Structure {
   Vector directions_;
   Vector inverse_directions_;
   Vector trace_metric_;
-  std::vector<Matrix> motions_;  ///< by body: of the whole, measured, by the displacements of the sides (r, rows)
+  std::vector<Matrix>
+      motions_;  ///< by body: of the whole, measured, by the displacements of the sides (r, rows)
   Index rows_ = 0;
   Index total_rows_ = 0;
   Work work_;
