@@ -228,7 +228,7 @@ class Solver:
         file: Any = checkpoint
         if checkpoint is not None and self.problem.comm is not None:
             file = RankCheckpoint(self.problem.comm, checkpoint, header or {})
-        with one_answer():
+        with one_answer(ranks):
             points = kernel_sweep(
                 self._core,
                 laws,

@@ -122,11 +122,13 @@ def agreed_over(ranks: PointRanks | None) -> Iterator[None]:
 
 
 @contextmanager
-def one_answer() -> Iterator[None]:
+def one_answer(ranks: PointRanks | None) -> Iterator[None]:
     """A walk over ranks: what another rank has failed with, as the error of a scene."""
     try:
         yield
     except RemoteError as error:
+        if ranks is None:  # the parts are on ranks, not the points
+            raise
         raise SceneError(str(error)) from error
 
 

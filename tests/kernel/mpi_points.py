@@ -163,7 +163,7 @@ def stop(folder: Path) -> None:
         told = str(error)
     assert "only here" in told
     part = monte_carlo(
-        problem, 200, options=TIGHT, points_comm=WORLD, checkpoint=file, callback=failing(StopIteration, 75)
+        problem, 200, options=TIGHT, points_comm=WORLD, checkpoint=file, callback=failing(StopIteration, 10)
     )
     assert not part.complete and part.finished.any()
     assert len(set(WORLD.allgather(int(part.finished.sum())))) == 1
