@@ -450,7 +450,8 @@ std::unique_ptr<Factor> factorise_cholmod(const SparseRows& lower, Index trailin
   if (!wide) {
     try {
       return std::make_unique<CholmodFactor<Narrow>>(lower, order, trailing, name);
-    } catch (const TooLarge&) {  // the analysis says so, before anything is factorised
+    } catch (const TooLarge&) {
+      wide = true;  // the analysis says so, before anything is factorised
     }
   }
   try {

@@ -183,6 +183,7 @@ class Borrowing {
     const substructure::Sizes sizes = global.sizes(state_.data, state_.traces, amplitudes_);
     const Index groups = sizes.strain.rows() / sets_;
     std::vector<substructure::Sizes> of_sets;
+    of_sets.reserve(static_cast<std::size_t>(sets_));
     for (Index set = 0; set < sets_; ++set) {
       of_sets.push_back(of_set(sizes, set, groups));
     }
@@ -308,6 +309,7 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
   const substructure::Yardstick yardstick = substructure::yardstick(structure, laws.measured());
   const State& wrong = history.predicted_error();
   std::vector<substructure::Sizes> sizes;
+  sizes.reserve(static_cast<std::size_t>(sets));
   for (Index set = 0; set < sets; ++set) {
     sizes.push_back(global.sizes(of_set(state.data, set, columns),
                                  of_set(state.traces, set, columns), amplitudes));
