@@ -6,8 +6,8 @@
 #include <cmath>
 #include <functional>
 #include <iterator>
+#include <memory>
 #include <numeric>
-#include <optional>
 #include <ranges>
 #include <utility>
 
@@ -221,12 +221,12 @@ void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::stable_sort(order, std::greater<>(),
                            [&bodies](std::size_t b) { return bodies[b].size; });
-  std::vector<std::optional<Body>> made(bodies.size());
+  std::vector<std::unique_ptr<Body>> made(bodies.size());
   side_by_side(order, [&](std::size_t b) {
-    made[b].emplace(std::move(bodies[b]), sides.of_body[b], options, old[b]);
+    made[b] = std::make_unique<Body>(std::move(bodies[b]), sides.of_body[b], options, old[b]);
   });
   bodies_.reserve(bodies.size());
-  for (std::optional<Body>& body : made) {
+  for (const std::unique_ptr<Body>& body : made) {
     bodies_.push_back(std::move(*body));
   }
 }
@@ -393,6 +393,7 @@ void Structure::share_pairs() {
   const auto swap = [&](const auto& size_of, const auto& value_of) {
     Exchange exchange(communicator_);
     std::vector<std::size_t> slots;
+    slots.reserve(paired.size());
     for (std::size_t n = 0; n < paired.size(); ++n) {
       slots.push_back(exchange.add(interfaces_[paired[n]].away.rank, size_of(n)));
     }
