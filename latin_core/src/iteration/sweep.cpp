@@ -64,6 +64,8 @@ constexpr double of_first_samples = 1e-3;
 constexpr double tolerance_of_first_samples = 1e-8;
 /// Scatter below so many times the errors of the samples is not told from these.
 constexpr double above_errors = 2.0;
+/// But one above this is not let go: that nothing is known of it is said.
+constexpr double most_hidden = 1e-6;
 /// Errors of samples, relative to the tolerance of their scatter, that leave it right.
 constexpr double enough_for_scatter = 3.0;
 constexpr Index first_samples = 4;
@@ -131,7 +133,8 @@ class Scatter {
       // what is only the errors of the samples is no scatter
       const auto consider = [&](double variance, double size) {
         const double scatter = size > 0.0 ? std::sqrt(variance / size) : 1.0;
-        if (scatter > std::max(above_errors * errors_(at), least_scatter)) {
+        const double hidden = std::min(above_errors * errors_(at), most_hidden);
+        if (scatter > std::max(hidden, least_scatter)) {
           scatters(at) = std::min(scatters(at), scatter);
         }
       };
