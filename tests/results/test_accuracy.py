@@ -31,10 +31,13 @@ CONTACT = Contact(friction=0.3)
 BODIES = (("plate", "bolt"), ("mount",))
 
 
-def plan(history="none", patterns=(None,), steps=1):
+def plan(history="none", patterns=(None,), steps=1, in_time=None):
     """The facts of a plan that rows depend on."""
     columns = steps if history == "steps" else len(patterns)
-    return SimpleNamespace(history=history, patterns=patterns, amplitudes=np.zeros((len(patterns), columns)))
+    amplitudes = np.zeros((len(patterns), columns))
+    return SimpleNamespace(
+        history=history, patterns=patterns, amplitudes=amplitudes, measured_in_time=in_time
+    )
 
 
 def summary(values):
@@ -58,6 +61,9 @@ def test_places_without_chaos():
     assert found.largest == 1e-8 and found.place == "part mount"
     patterned = accuracy_of_run(summary(values * 2), plan("patterns", (None, "a")), BODIES)
     assert patterned.place == "part mount, load pattern 0" and patterned.by_step(3) == pytest.approx(1e-8)
+    in_time = plan("patterns", (None, "a"), in_time=np.ones((2, 3)))
+    timed = accuracy_of_run(summary([[1e-9, 1e-9], [1e-9, 1e-7], [1e-9, 1e-8]]), in_time, BODIES)
+    assert timed.place == "part mount, step 1" and timed.by_step(3)[2] == pytest.approx(1e-8)
 
 
 def test_what_is_not_known_is_largest_and_has_no_number():
