@@ -193,7 +193,9 @@ class Reduced:
         """Coefficients, forces, jumps and the bounds of the relative errors, a row per point."""
         size = len(self._f)
         soft = 1.0 / np.column_stack([values[group] for group in self._groups])
-        matrix = (soft @ self._soft.reshape(len(self._groups), -1)).reshape(-1, size, size) - self._bodies
+        # no direction is in the basis where the forces of all its points are alike
+        summed = soft @ self._soft.reshape(len(self._groups), size * size)
+        matrix = summed.reshape(len(soft), size, size) - self._bodies
         right = self._start - soft @ self._soft_start
         found = np.linalg.solve(matrix, right[..., None])[..., 0]
         forces = self._middle[0] + found @ self._f

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from latin_core import RemoteError, Shares
+from latin_core import RemoteError
+from latin_core.shares import Shares
 from latin_core.checkpoint import differences
 from mpi4py import MPI
 

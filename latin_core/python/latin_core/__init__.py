@@ -49,7 +49,6 @@ from latin_core._core import (
 )
 from latin_core.checkpoint import Checkpoint, CheckpointError, CheckpointWarning
 from latin_core.options import Options
-from latin_core.shares import Shares
 from latin_core.sweep import SweepPoints, SweptParameter, sweep
 
 try:
@@ -85,7 +84,6 @@ __all__ = [
     "NumericalError",
     "Options",
     "RemoteError",
-    "Shares",
     "Side",
     "Spring",
     "State",
