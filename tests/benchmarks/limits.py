@@ -39,8 +39,8 @@ mean and in its fluctuation, each by itself, the relative error against the exac
 discretised scene is at most `rtol` (1e-6 unless set), up to a factor of 3. It is measured in the norm of
 the strain energy and in the displacement of the interfaces (and of the whole part, where only they hold
 it), relative to what that part does in that step, and of assembled springs in their force.
-`result.error` is the largest of these errors and `result.place` says where it is ("part mount, step 7, fluctuation"). It promises nothing about the error
-of the meshes, the truncation of a chaos, the number of samples or the model; for the first three see
+`result.error` is the largest of these errors and `result.place` says where it is ("part mount, step 7,
+fluctuation"). It promises nothing about the error of the meshes, the truncation of a chaos, the number of samples or the model; for the first three see
 `result.errors()`. A part whose strain cannot be told from the rounding of its own displacement counts as
 unstrained, and its error is relative to the whole. Parts that the plan joins (it lists the interfaces
 that are removed or assembled) count as one, with the springs assembled into them: the strains of a part
