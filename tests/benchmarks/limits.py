@@ -36,25 +36,26 @@ interface, the value and a remedy. If an iteration does not reach its tolerance,
 
 `result.status == "converged"` means: in every part, at every time step, and of a random answer in its
 mean and in its fluctuation, each by itself, the relative error against the exact solution of the
-discretised scene is at most `rtol` (1e-6 unless set), up to a factor of 3. It is measured in the norm of
-the strain energy and in the displacement of the interfaces (and of the whole part, where only they hold
-it), relative to what that part does in that step, and of assembled springs in their force.
+discretised scene is at most `rtol` (1e-6 unless set), up to a factor of 3. It is measured in the norm
+of the strain energy and in the displacement of the interfaces (and of the whole part, where only they
+hold it), relative to what that part does in that step, and of assembled springs in their force.
 `result.error` is the largest of these errors and `result.place` says where it is ("part mount, step 7,
-fluctuation"). It promises nothing about the error of the meshes, the truncation of a chaos, the number of samples or the model; for the first three see
-`result.errors()`. A part whose strain cannot be told from the rounding of its own displacement counts as
-unstrained, and its error is relative to the whole. Parts that the plan joins (it lists the interfaces
-that are removed or assembled) count as one, with the springs assembled into them: the strains of a part
-that stores far less energy than those and the springs it is joined to are known less exactly (a part on
-a soft bed by the root of the ratio). A fluctuation that is known to be below 5e-7 of the mean counts as
-none, and so do displacements and strains of a part that is held all around, below 1e-4 and 1e-5 of what
-its forces would do to it if it were free. What rounding of stiff bodies on soft springs may do is part
-of the estimate (of badly conditioned parts that the plan joins it is measured with sums of higher
-precision), and below 2e-9 the estimate of a nonlinear scene is a bound; where nothing else is left above
-the tolerance the status is `inexact`. All of this holds on any number of ranks. In histories of more
-than 16 steps with memory, and where the check would cost more than a tenth of the factorisations, the
-estimate stands alone, after three iterations of its own: there it is a good guess, not a promise. Any
-other status is not an answer to rely on: `result.ended` says how far it came, where the error is and
-what to do, `result.statuses` which steps (or points) are right all the same.
+fluctuation"). It promises nothing about the error of the meshes, the truncation of a chaos, the number
+of samples or the model; for the first three see `result.errors()`. A part whose strain cannot be told
+from the rounding of its own displacement counts as unstrained, and its error is relative to the whole.
+Parts that the plan joins (it lists the interfaces that are removed or assembled) count as one, with the
+springs assembled into them: the strains of a part that stores far less energy than those and the
+springs it is joined to are known less exactly (a part on a soft bed by the root of the ratio). A
+fluctuation that is known to be below 5e-7 of the mean counts as none, and so do displacements and
+strains of a part that is held all around, below 1e-4 and 1e-5 of what its forces would do to it if it
+were free. What rounding of stiff bodies on soft springs may do is part of the estimate (of badly
+conditioned parts that the plan joins it is measured with sums of higher precision), and below 2e-9 the
+estimate of a nonlinear scene is a bound; where nothing else is left above the tolerance the status is
+`inexact`. All of this holds on any number of ranks. In histories of more than 16 steps with memory, and
+where the check would cost more than a tenth of the factorisations, the estimate stands alone, after
+three iterations of its own: there it is a good guess, not a promise. Any other status is not an answer
+to rely on: `result.ended` says how far it came, where the error is and what to do, `result.statuses`
+which steps (or points) are right all the same.
 
 How well the promise is kept is measured by `./run bench campaign`, whose drawn scenes (2 to 12 parts,
 all laws, stiffnesses over twelve decades, loads over eight) are judged by an independent solver. Of 1
