@@ -254,7 +254,9 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
           refuse(interface.name(),
                  "motions of the body do not fit: give as many on each of its sides");
         }
-        all.middleRows(interface.rows[s] - body_rows_[b], own.rows()) = own;
+        if (own.cols() > 0) {
+          all.middleRows(interface.rows[s] - body_rows_[b], own.rows()) = own;
+        }
       }
     }
   }
