@@ -360,8 +360,15 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
     ]
     count = count_bodies(problem, plan.eliminated)
     motions: dict[str, Array] = {}
-    for patterns in reduced if plan.active else ():
-        motions |= motions_of(own, plan, next(iter(patterns.values())).members)
+    if plan.active:
+        inside: dict[str, list[Interface]] = {}
+        for name in plan.eliminated:
+            if name in own.interfaces:
+                each = own.interfaces[name]
+                inside.setdefault(each.sides[0].substructure, []).append(each)
+        for patterns in reduced:
+            members = next(iter(patterns.values())).members
+            motions |= motions_of(own, members, [each for part in members for each in inside.get(part, ())])
     interfaces, found = [], {}
     for name in plan.active:
         if name not in own.interfaces:

@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dolfinx_frontend.assembly.held import axis_resistances, held
-from dolfinx_frontend.assembly.interface import Side
+from dolfinx_frontend.assembly.interface import Interface, Side
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import free_motions
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.plan.plan import Plan
 
 __all__ = ["motions_of", "on_side"]
 
@@ -22,17 +21,17 @@ LEAST = 1e-12
 """Motions whose mean square is below this, relative to the largest, are none."""
 
 
-def motions_of(own: Problem, plan: Plan, members: Sequence[str]) -> dict[str, Array]:
+def motions_of(own: Problem, members: Sequence[str], inside: Sequence[Interface]) -> dict[str, Array]:
     """Rigid motions (n, r) of the parts of a body that nothing resists but what the plan keeps.
 
     They are orthonormal in the mean over the nodes of the body. Empty: the body is held.
+
+    Parameters
+    ----------
+    inside
+        What the plan has eliminated on these parts.
     """
     parts = {name: own.substructures[name] for name in members}
-    inside = [
-        each
-        for name, each in own.interfaces.items()
-        if name in plan.eliminated and each.sides[0].substructure in parts
-    ]
     resisting = [held(own, each) for each in inside]
     resisting += axis_resistances({name: own.parts[name] for name in members})
     found = free_motions({n: (p.centre, p.length) for n, p in parts.items()}, resisting)

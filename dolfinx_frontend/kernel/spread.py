@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from latin_core import RemoteError
-from latin_core.shares import Shares
 from latin_core.checkpoint import differences
+from latin_core.shares import Shares
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem

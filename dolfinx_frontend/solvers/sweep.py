@@ -269,7 +269,7 @@ def sweep(
     problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **kept, **settings)
     ranks = point_ranks("sweep", problem, points_comm)
     if ranks is not None:
-        ranks.check_alike("sweep", grid=grid, method=method, **told, **kept, **settings, file=file is None)
+        ranks.check_alike("sweep", grid=grid, method=method, **told, **kept, **settings)
     with agreed_over(ranks):
         plan, axes, parameters = planned(problem, grid, method, plan, settings)
         began = perf_counter()

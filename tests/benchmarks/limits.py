@@ -47,7 +47,7 @@ Parts that the plan joins (it lists the interfaces that are removed or assembled
 springs assembled into them: the strains of a part that stores far less energy than those and the
 springs it is joined to are known less exactly (a part on a soft bed by the root of the ratio). A
 fluctuation that is known to be below 5e-7 of the mean counts as none, and so do displacements and
-strains of a part that is held all around, below 1e-4 and 1e-5 of what its forces would do to it if it
+strains of a part that is held all around, below 1e-3 and 1e-4 of what its forces would do to it if it
 were free. What rounding of stiff bodies on soft springs may do is part of the estimate (of badly
 conditioned parts that the plan joins it is measured with sums of higher precision), and below 2e-9 the
 estimate of a nonlinear scene is a bound; where nothing else is left above the tolerance the status is
@@ -60,8 +60,8 @@ which steps (or points) are right all the same.
 How well the promise is kept is measured by `./run bench campaign`, whose drawn scenes (2 to 12 parts,
 all laws, stiffnesses over twelve decades, loads over eight) are judged by an independent solver. Of 1
 000 (`--scenes 1000 --seed 321`) 7 had a part whose error was more than 3 times what was said (five of
-them below the tolerance or next to it, two above three tolerances: next to rounding of a part that is
-1e8 times stiffer than its neighbour), and 5 did not converge.
+them below the tolerance or next to it, two above three tolerances, beside what rounding leaves of the
+strains of a part), and 5 did not converge.
 
 ## One row per extreme
 

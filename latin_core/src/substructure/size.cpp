@@ -20,8 +20,8 @@ constexpr double quiet = 1e-9;
 constexpr double still = 5e-7;
 /// Faces that move less than this, relative to what strains the body or to what their forces might do to it, are
 /// held: they have no size of their own. Neither has a strain below the second, of a body that is held all around.
-constexpr double held = 1e-4;
-constexpr double held_strain = 1e-5;
+constexpr double held = 1e-3;
+constexpr double held_strain = 1e-4;
 
 constexpr double square(double x) { return x * x; }
 
