@@ -215,14 +215,17 @@ class Plan:
         return np.array([[1.0 if a is None else a(t) for t in times] for a in self.patterns])
 
     @property
+    def measured_by_step(self) -> bool:
+        """Whether errors are estimated at every time, of columns or of sums of load patterns."""
+        return self.history == "steps" or self._measures_sums
+
+    @property
     def measured_in_time(self) -> npt.NDArray[np.float64] | None:
         """Factors (l, T) of load patterns whose sums at the times are what errors are estimated of.
 
         None: they are estimated of the columns.
         """
-        if self.history != "patterns" or len(self.patterns) == 1 or self.fields:
-            return None
-        return np.asfortranarray(self.factors())
+        return np.asfortranarray(self.factors()) if self._measures_sums else None
 
     @property
     def amplitudes(self) -> npt.NDArray[np.float64]:
@@ -270,6 +273,10 @@ class Plan:
         if self.history != "steps":
             block = block @ (self.factors() if self.history == "patterns" else np.ones((1, self._count)))
         return np.moveaxis(block, -1, 0)
+
+    @property
+    def _measures_sums(self) -> bool:
+        return self.history == "patterns" and len(self.patterns) > 1 and not self.fields
 
     @property
     def _count(self) -> int:

@@ -177,8 +177,7 @@ def accuracy_of_run(
     kinds = len(values) // (plan.amplitudes if measured is None else measured).shape[1]
     rows = range(len(values))
     labels = tuple(group_name(plan, row, kinds) for row in rows)
-    by_step = plan.history == "steps" or measured is not None
-    steps = tuple(row // kinds for row in rows) if by_step else None
+    steps = tuple(row // kinds for row in rows) if plan.measured_by_step else None
     return Accuracy(values, labels, tuple(map(body_name, bodies)), steps)
 
 
@@ -186,7 +185,7 @@ def group_name(plan: Plan, row: int, kinds: int) -> str:
     """What a row of the kernel's errors is: a step or load pattern; of two kinds first the mean."""
     step, kind = divmod(row, kinds)
     label = ""
-    if plan.history == "steps" or plan.measured_in_time is not None:
+    if plan.measured_by_step:
         label = f"step {step}"
     elif plan.history == "patterns" and len(plan.patterns) > 1:
         label = f"load pattern {step}"

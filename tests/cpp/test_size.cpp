@@ -227,18 +227,27 @@ TEST(Sizes, DistanceAndDifferenceAgree) {
 TEST(Sizes, LoadPatternsAreMeasuredAtTheTimes) {
   const Laws laws = chain::Scene{.parts = 3}.build();
   const Structure& structure = laws.structure();
-  const Matrix in_time{{1.0, 1.0, 0.0}, {0.0, -0.5, 2.0}};
   const Matrix data = Matrix::Random(5, 2);
   const Matrix traces = Matrix::Random(5, 2);
-  const Sizes patterns = sizes_of_difference(structure, {}, data, traces, &in_time);
-  const Sizes times = sizes_of_difference(structure, {}, data * in_time, traces * in_time);
-  expect(patterns.strain, times.strain);
-  expect(patterns.trace, times.trace);
-  // of sizes alone no more than a bound is known
-  const Sizes alone = sizes_of_difference(structure, {}, data, traces);
-  const Sizes bounds = at_times(in_time, alone, 1);
-  EXPECT_TRUE((bounds.trace.array() >= times.trace.array() * (1.0 - 1e-12)).all());
-  expect(bounds.trace.row(0), times.trace.row(0));
+  // as many times as sums of two patterns, and more: times themselves, or what follows from the sums
+  for (const Index count : {3, 7}) {
+    Matrix factors = 1e3 * Matrix::Random(2, count);
+    factors.row(1) *= 1e-6;
+    factors(1, 0) = 0.0;
+    const PatternTimes in_time(factors);
+    EXPECT_EQ(in_time.sums().cols(), 3);
+    const Sizes patterns = sizes_of_difference(structure, {count, 1}, data, traces, &in_time);
+    const Sizes times = sizes_of_difference(structure, {}, data * factors, traces * factors);
+    for (const auto& [found, wanted] :
+         {std::pair{patterns.strain, times.strain}, {patterns.trace, times.trace}}) {
+      ASSERT_EQ(found.rows(), count);
+      EXPECT_LE((found - wanted).cwiseAbs().maxCoeff(), 1e-12 * wanted.maxCoeff());
+    }
+    // of sizes alone no more than a bound is known
+    const Sizes bounds = in_time.bounds(sizes_of_difference(structure, {}, data, traces), 1);
+    EXPECT_TRUE((bounds.trace.array() >= times.trace.array() * (1.0 - 1e-12)).all());
+    EXPECT_NEAR(bounds.trace(0, 0), times.trace(0, 0), 1e-12 * times.trace(0, 0));
+  }
 }
 
 TEST(Sizes, ADifferenceIsSeenInTheBodyWhereItIs) {

@@ -279,8 +279,8 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
     sizes.strain = sizes.strain.cwiseMax(one.strain);
     sizes.trace = sizes.trace.cwiseMax(one.trace);
   }
-  if (const Matrix* in_time = laws.in_time()) {
-    return substructure::at_times(*in_time, sizes, groups.kinds());
+  if (const substructure::PatternTimes* in_time = laws.in_time()) {
+    return in_time->bounds(sizes, groups.kinds());
   }
   return sizes;
 }

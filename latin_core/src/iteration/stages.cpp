@@ -144,8 +144,8 @@ Vector Stages::rounding_of(std::size_t body, const State& state, const Whole& wh
     sizes.strain(group, at) += correction.strain(column);
     sizes.trace(group, at) += structure().trace_size(body, correction.traces.col(column));
   }
-  if (const Matrix* in_time = laws().in_time()) {
-    sizes = substructure::at_times(*in_time, sizes, groups.kinds());
+  if (const substructure::PatternTimes* in_time = laws().in_time()) {
+    sizes = in_time->bounds(sizes, groups.kinds());
   }
   return whole.relative(sizes).col(at);
 }

@@ -147,30 +147,33 @@ Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
 
 Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) {
   const Structure& structure = laws_.structure();
-  const Matrix* in_time = laws_.in_time();
-  const Matrix of_times = in_time == nullptr ? Matrix() : at_times(*in_time, amplitudes);
-  const Index columns = in_time == nullptr ? data.cols() : of_times.cols();
-  Sizes sizes =
-      Sizes::zero(laws_.measured().count(columns), static_cast<Index>(structure.bodies().size()));
+  const PatternTimes* in_time = laws_.in_time();
+  ColumnGroups groups = laws_.measured();
+  Matrix of_sums;
+  if (in_time != nullptr) {
+    groups.steps = in_time->sums().cols();
+    of_sums = summed(amplitudes, in_time->sums());
+  }
+  const Index columns = in_time == nullptr ? data.cols() : of_sums.cols();
+  Sizes sizes = Sizes::zero(groups.count(columns), static_cast<Index>(structure.bodies().size()));
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
     const Index first = structure.body_rows()[b];
     const Index rows = structure.bodies()[b].rows();
     const auto s = data.middleRows(first, rows);
     const auto w = traces.middleRows(first, rows);
     if (in_time == nullptr) {
-      add_sizes(b, s, w, amplitudes, sizes);
+      add_sizes(b, s, w, amplitudes, groups, sizes);
     } else {
-      add_sizes(b, at_times(*in_time, s), at_times(*in_time, w), of_times, sizes);
+      add_sizes(b, summed(s, in_time->sums()), summed(w, in_time->sums()), of_sums, groups, sizes);
     }
   }
   sizes.strain = sizes.strain.cwiseAbs();
-  return sizes;
+  return in_time == nullptr ? sizes : in_time->at_times(sizes, groups.kinds());
 }
 
 void GlobalStage::add_sizes(std::size_t b, ConstMatrixRef data, ConstMatrixRef traces,
-                            ConstMatrixRef amplitudes, Sizes& sizes) {
+                            ConstMatrixRef amplitudes, const ColumnGroups& groups, Sizes& sizes) {
   const Structure& structure = laws_.structure();
-  const ColumnGroups groups = laws_.measured();
   const Body& body = structure.bodies()[b];
   Eigen::Map<Matrix> f = block_.shaped(traces.rows(), traces.cols());
   f = data - body.directions().asDiagonal() * traces;

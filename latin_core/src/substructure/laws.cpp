@@ -308,9 +308,9 @@ void Laws::check_columns(Index columns) const {
     throw InputError(std::to_string(columns) + " columns are no whole number of histories of " +
                      std::to_string(steps_) + " time steps");
   }
-  if (in_time_ != nullptr && (columns % in_time_->rows() != 0 || remembers())) {
+  if (in_time_ != nullptr && (columns % in_time_->patterns() != 0 || remembers())) {
     throw InputError("in_time: " + std::to_string(columns) + " columns are no " +
-                     std::to_string(in_time_->rows()) + " load patterns of linear laws");
+                     std::to_string(in_time_->patterns()) + " load patterns of linear laws");
   }
   for (std::size_t b = 0; b < structure_->bodies().size(); ++b) {
     const ScaledColumns* scaled_body = scaled(b);
@@ -452,7 +452,7 @@ Laws Laws::with_times(Matrix in_time) const {
   }
   Laws changed = *this;
   changed.in_time_ =
-      in_time.size() > 0 ? std::make_shared<const Matrix>(std::move(in_time)) : nullptr;
+      in_time.size() > 0 ? std::make_shared<const PatternTimes>(std::move(in_time)) : nullptr;
   return changed;
 }
 

@@ -43,24 +43,42 @@ void add_sizes(const Structure& structure, std::size_t body, const ColumnGroups&
 /// Sizes of what `data(first, rows)` and `traces(first, rows)` say of the rows of a body, at the times if there are any.
 template <class S, class W>
 Sizes sizes_of(const Structure& structure, const ColumnGroups& groups, Index columns,
-               const Matrix* in_time, const S& data, const W& traces) {
+               const PatternTimes* in_time, const S& data, const W& traces) {
   const auto& bodies = structure.bodies();
-  const Index measured = in_time == nullptr ? columns : columns / in_time->rows() * in_time->cols();
-  Sizes sizes = Sizes::zero(groups.count(measured), static_cast<Index>(bodies.size()));
+  ColumnGroups own = groups;
+  if (in_time != nullptr) {
+    columns = columns / in_time->patterns() * in_time->sums().cols();
+    own.steps = in_time->sums().cols();
+  }
+  Sizes sizes = Sizes::zero(own.count(columns), static_cast<Index>(bodies.size()));
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     const auto of_body = [&](const auto& block) {
       return block(structure.body_rows()[b], bodies[b].rows());
     };
     if (in_time == nullptr) {
-      add_sizes(structure, b, groups, of_body(data), of_body(traces), sizes);
+      add_sizes(structure, b, own, of_body(data), of_body(traces), sizes);
     } else {
-      add_sizes(structure, b, groups, at_times(*in_time, Matrix(of_body(data))),
-                at_times(*in_time, Matrix(of_body(traces))), sizes);
+      add_sizes(structure, b, own, summed(Matrix(of_body(data)), in_time->sums()),
+                summed(Matrix(of_body(traces)), in_time->sums()), sizes);
     }
   }
   sizes.strain =
       sizes.strain.cwiseAbs();  // rounding may leave the energy of a rigid motion negative
-  return sizes;
+  return in_time == nullptr ? sizes : in_time->at_times(sizes, groups.kinds());
+}
+
+/// Rows of groups of sets of `from` columns as those of sets of `to` columns, by what is done to a table of a set.
+template <class F>
+Matrix by_sets(const Matrix& rows, Index from, Index to, Index kinds, const F& each) {
+  const Index sets = rows.rows() / (from * kinds);
+  Matrix all(sets * to * kinds, rows.cols());
+  for (Index set = 0; set < sets; ++set) {
+    for (Index kind = 0; kind < kinds; ++kind) {
+      all(Eigen::seqN(set * to * kinds + kind, to, kinds), every) =
+          each(Matrix(rows(Eigen::seqN(set * from * kinds + kind, from, kinds), every)));
+    }
+  }
+  return all;
 }
 
 }  // namespace
@@ -169,36 +187,75 @@ Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
           Vector::Zero(structure.components())};
 }
 
-Matrix at_times(const Matrix& in_time, ConstMatrixRef block) {
-  const Index sets = block.cols() / in_time.rows();
-  Matrix all(block.rows(), sets * in_time.cols());
+Matrix summed(ConstMatrixRef block, const Matrix& factors) {
+  const Index sets = block.cols() / factors.rows();
+  Matrix all(block.rows(), sets * factors.cols());
   for (Index set = 0; set < sets; ++set) {
-    all.middleCols(set * in_time.cols(), in_time.cols()).noalias() =
-        block.middleCols(set * in_time.rows(), in_time.rows()) * in_time;
+    all.middleCols(set * factors.cols(), factors.cols()).noalias() =
+        block.middleCols(set * factors.rows(), factors.rows()) * factors;
   }
   return all;
 }
 
-Sizes at_times(const Matrix& in_time, const Sizes& sizes, Index kinds) {
-  const auto bound = [&](const Matrix& of_patterns) {
-    const Index sets = of_patterns.rows() / (in_time.rows() * kinds);
-    Matrix all = Matrix::Zero(sets * in_time.cols() * kinds, of_patterns.cols());
-    for (Index set = 0; set < sets; ++set) {
-      for (Index kind = 0; kind < kinds; ++kind) {
-        const auto from = Eigen::seqN(set * in_time.rows() * kinds + kind, in_time.rows(), kinds);
-        const auto to = Eigen::seqN(set * in_time.cols() * kinds + kind, in_time.cols(), kinds);
-        all(to, every) =
-            (in_time.cwiseAbs().transpose() * of_patterns(from, every).cwiseAbs().cwiseSqrt())
-                .cwiseAbs2();
-      }
+PatternTimes::PatternTimes(Matrix factors) : factors_(std::move(factors)) {
+  const Index count = patterns();
+  const Index pairs = count * (count + 1) / 2;
+  if (pairs >= times()) {
+    sums_ = factors_;
+    return;
+  }
+  // as large as they become: a small one would be lost in a sum
+  Vector largest = factors_.rowwise().lpNorm<Eigen::Infinity>();
+  largest = (largest.array() > 0.0).select(largest, 1.0);
+  single_ = largest.cwiseInverse().asDiagonal() * factors_;
+  sums_ = Matrix::Zero(count, pairs);
+  sums_.leftCols(count) = largest.asDiagonal();
+  weights_ = Matrix::Zero(pairs, times());
+  weights_.topRows(count) = single_.cwiseAbs2();
+  Index at = count;
+  for (Index p = 0; p < count; ++p) {
+    for (Index q = p + 1; q < count; ++q, ++at) {
+      sums_(p, at) = largest(p);
+      sums_(q, at) = largest(q);
+      const auto both = single_.row(p).cwiseProduct(single_.row(q)).eval();
+      weights_.row(at) = both;
+      weights_.row(p) -= both;
+      weights_.row(q) -= both;
     }
-    return all;
+  }
+}
+
+Sizes PatternTimes::at_times(const Sizes& of_sums, Index kinds) const {
+  if (weights_.size() == 0) {
+    return of_sums;
+  }
+  const Index count = patterns();
+  const auto exact = [&](const Matrix& rows) {
+    return by_sets(rows, sums_.cols(), times(), kinds, [&](const Matrix& each) -> Matrix {
+      return (weights_.transpose() * each).cwiseMax(0.0);
+    });
   };
-  return {bound(sizes.strain), bound(sizes.trace), bound(sizes.work), bound(sizes.pressed)};
+  const auto bound = [&](const Matrix& rows) {
+    return by_sets(rows, sums_.cols(), times(), kinds, [&](const Matrix& each) -> Matrix {
+      return (single_.cwiseAbs().transpose() * each.topRows(count).cwiseAbs().cwiseSqrt())
+          .cwiseAbs2();
+    });
+  };
+  return {exact(of_sums.strain), exact(of_sums.trace), bound(of_sums.work), bound(of_sums.pressed)};
+}
+
+Sizes PatternTimes::bounds(const Sizes& of_patterns, Index kinds) const {
+  const auto bound = [&](const Matrix& rows) {
+    return by_sets(rows, patterns(), times(), kinds, [&](const Matrix& each) -> Matrix {
+      return (factors_.cwiseAbs().transpose() * each.cwiseAbs().cwiseSqrt()).cwiseAbs2();
+    });
+  };
+  return {bound(of_patterns.strain), bound(of_patterns.trace), bound(of_patterns.work),
+          bound(of_patterns.pressed)};
 }
 
 Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,
-                          ConstMatrixRef data, ConstMatrixRef traces, const Matrix* in_time) {
+                          ConstMatrixRef data, ConstMatrixRef traces, const PatternTimes* in_time) {
   return sizes_of(
       structure, groups, data.cols(), in_time,
       [&](Index first, Index rows) { return data.middleRows(first, rows); },
@@ -207,7 +264,7 @@ Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups
 
 Sizes sizes_of_distance(const Structure& structure, const ColumnGroups& groups, ConstMatrixRef data,
                         ConstMatrixRef traces, ConstMatrixRef other_data,
-                        ConstMatrixRef other_traces, const Matrix* in_time) {
+                        ConstMatrixRef other_traces, const PatternTimes* in_time) {
   return sizes_of(
       structure, groups, data.cols(), in_time,
       [&](Index first, Index rows) {

@@ -48,7 +48,7 @@ class GlobalStage {
  private:
   /// Those of the columns of a body.
   void add_sizes(std::size_t body, ConstMatrixRef data, ConstMatrixRef traces,
-                 ConstMatrixRef amplitudes, Sizes& sizes);
+                 ConstMatrixRef amplitudes, const ColumnGroups& groups, Sizes& sizes);
   [[nodiscard]] Vector pressed_energies(std::size_t body, ConstMatrixRef forces,
                                         ConstMatrixRef amplitudes);
 

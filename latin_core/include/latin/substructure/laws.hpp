@@ -83,12 +83,12 @@ class Laws {
   [[nodiscard]] Index modes() const { return modes_; }
   /// Which columns make up one.
   [[nodiscard]] ColumnGroups groups() const { return {steps_, modes_}; }
-  /// Of columns that are load patterns of a linear history: the factor of each (patterns, times) at the times whose
-  /// solutions are their sums; null: columns are what they are.
-  [[nodiscard]] const Matrix* in_time() const { return in_time_.get(); }
+  /// Of columns that are load patterns of a linear history: the times whose solutions are their sums; null: columns
+  /// are what they are.
+  [[nodiscard]] const PatternTimes* in_time() const { return in_time_.get(); }
   /// Which columns are measured together, see in_time().
   [[nodiscard]] ColumnGroups measured() const {
-    return {in_time_ == nullptr ? steps_ : in_time_->cols(), modes_};
+    return {in_time_ == nullptr ? steps_ : in_time_->times(), modes_};
   }
   [[nodiscard]] const ActiveLaw& of(std::size_t interface) const { return active_->at(interface); }
   /// A parameter without transforms. @throws InputError on an unknown name
@@ -135,7 +135,7 @@ class Laws {
   [[nodiscard]] Laws with_steps(Index steps) const;
   /// @throws InputError below one
   [[nodiscard]] Laws with_modes(Index modes) const;
-  /// @param in_time see in_time(); empty: none
+  /// @param in_time factors of the patterns, (patterns, times); empty: none
   /// @throws InputError on numbers that are not finite
   [[nodiscard]] Laws with_times(Matrix in_time) const;
   /// Forces on substructures added to the load patterns, instead of all extra loads before.
@@ -171,7 +171,7 @@ class Laws {
   std::shared_ptr<const std::vector<ActiveLaw>> active_;
   Index steps_ = 1;
   Index modes_ = 1;
-  std::shared_ptr<const Matrix> in_time_;                   ///< null: columns are what they are
+  std::shared_ptr<const PatternTimes> in_time_;             ///< null: columns are what they are
   std::shared_ptr<const std::vector<LoadResponse>> extra_;  ///< by body; null: no extra loads
   std::shared_ptr<const std::vector<ScaledColumns>>
       scaled_;  ///< by body, without body: 1; null: all are 1

@@ -65,19 +65,44 @@ struct Yardstick {
 
 /// The yardstick of a structure, its reach not known.
 [[nodiscard]] Yardstick yardstick(const Structure& structure, const ColumnGroups& groups);
-/// Columns that are load patterns (., sets * patterns) at the times of a history, (., sets * times).
-[[nodiscard]] Matrix at_times(const Matrix& in_time, ConstMatrixRef block);
-/// Sizes of load patterns (rows of groups) as no more than what they are at the times of a history.
-[[nodiscard]] Sizes at_times(const Matrix& in_time, const Sizes& sizes, Index kinds);
+/// Sums of columns in sets, (., sets * from) times (from, to): load patterns at the times of a history, say.
+[[nodiscard]] Matrix summed(ConstMatrixRef block, const Matrix& factors);
+
+/// Load patterns of a linear history, which is measured at its times: there they may cancel.
+///
+/// Sizes are quadratic: those of all times follow from those of the patterns and of the sums of two. Work and
+/// pressed energy are not, and no more than a bound is known of them.
+class PatternTimes {
+ public:
+  /// @param factors of the patterns at the times, (patterns, times)
+  explicit PatternTimes(Matrix factors);
+
+  [[nodiscard]] Index patterns() const { return factors_.rows(); }
+  [[nodiscard]] Index times() const { return factors_.cols(); }
+  /// Which sums of patterns are to be measured, (patterns, sums): not more than times.
+  [[nodiscard]] const Matrix& sums() const { return sums_; }
+  /// Sizes of the sums (rows of groups, `kinds` a sum) as those of the times.
+  [[nodiscard]] Sizes at_times(const Sizes& of_sums, Index kinds) const;
+  /// No more than what sizes of the patterns alone may be at the times.
+  [[nodiscard]] Sizes bounds(const Sizes& of_patterns, Index kinds) const;
+
+ private:
+  Matrix factors_;
+  Matrix sums_;
+  Matrix weights_;  ///< (sums, times): a size at a time as a sum of those of the sums
+  Matrix
+      single_;  ///< (patterns, times) factors relative to those in the sums; empty: the sums are the times
+};
+
 /// Sizes of the difference of two global-stage solutions under the same loads, which cancel.
-/// @param in_time see Laws::in_time(): they are measured at the times
+/// @param in_time see Laws::in_time()
 [[nodiscard]] Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,
                                         ConstMatrixRef data, ConstMatrixRef traces,
-                                        const Matrix* in_time = nullptr);
+                                        const PatternTimes* in_time = nullptr);
 /// The same of two states, without a block for their difference.
 [[nodiscard]] Sizes sizes_of_distance(const Structure& structure, const ColumnGroups& groups,
                                       ConstMatrixRef data, ConstMatrixRef traces,
                                       ConstMatrixRef other_data, ConstMatrixRef other_traces,
-                                      const Matrix* in_time = nullptr);
+                                      const PatternTimes* in_time = nullptr);
 
 }  // namespace latin::substructure
