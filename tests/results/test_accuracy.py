@@ -36,7 +36,11 @@ def plan(history="none", patterns=(None,), steps=1, in_time=None):
     columns = steps if history == "steps" else len(patterns)
     amplitudes = np.zeros((len(patterns), columns))
     return SimpleNamespace(
-        history=history, patterns=patterns, amplitudes=amplitudes, measured_in_time=in_time
+        history=history,
+        patterns=patterns,
+        amplitudes=amplitudes,
+        measured_in_time=in_time,
+        measured_by_step=history == "steps" or in_time is not None,
     )
 
 

@@ -422,7 +422,10 @@ void Run::finish(Status status) {
     summary_.errors = summary_.errors.cwiseMax(Verification::resolution(options_.rtol));
   }
   summary_.error = std::max(summary_.error, error_.largest(summary_.errors));
-  summary_.status = status;
+  summary_.status =
+      status == Status::converged && summary_.error > bearable_rounding * options_.rtol
+          ? Status::inexact
+          : status;
   summary_.iterations = iterations();
   summary_.restarts = safeguard_.restarts();
   summary_.global_s = stages_.global_seconds();
@@ -431,32 +434,42 @@ void Run::finish(Status status) {
       elapsed() - callback_s_ - summary_.global_s - summary_.local_s - summary_.newton_s;
 }
 
-/// A bound that would decide is replaced by what is measured, of a body that can be. Collective.
+/// What the factors of bodies leave, which no iteration sees: measured where it may decide and can be, else a bound.
+/// Collective.
 void Run::add_rounding_of_bodies() {
   const auto& bodies = structure_.bodies();
-  std::vector<std::size_t> measured;
+  const auto measurable = [&](std::size_t b) {
+    return bodies[b].measurable() && stages_.laws().scaled(b) == nullptr &&
+           stages_.laws().field(b) == nullptr;
+  };
+  bool measures = false;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     auto errors = summary_.errors.col(static_cast<Index>(b));
-    const double bound = std::min(bodies[b].rounding(), options_.rtol);
     const substructure::FieldColumns* field = stages_.laws().field(b);
-    const bool as_built = stages_.laws().scaled(b) == nullptr && field == nullptr;
     if (field != nullptr && field->chaos != nullptr) {
       errors = errors.cwiseMax(accuracy_of_fields());
     }
-    if (as_built && bodies[b].measurable() && bound > errors.maxCoeff()) {
-      measured.push_back(b);
+    if (measurable(b)) {
+      measures = true;
     } else {
-      errors = errors.cwiseMax(bound);
+      errors = errors.cwiseMax(std::min(bodies[b].rounding(), options_.rtol));
     }
   }
-  if (structure_.communicator().everywhere(measured.empty())) {
+  if (structure_.communicator().everywhere(!measures)) {
     return;
   }
   const Whole whole = stages_.whole(state_);
-  for (const std::size_t b : measured) {
+  const Vector strains = whole.yardstick.rounding_of_strains(whole.sizes);
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
     auto errors = summary_.errors.col(static_cast<Index>(b));
-    const double bound = std::min(bodies[b].rounding(), options_.rtol);
-    errors = errors.cwiseMax(stages_.rounding_of(b, state_, whole).cwiseMin(bound));
+    const double expected = std::max(bodies[b].rounding(), strains(static_cast<Index>(b)));
+    if (!measurable(b) || expected <= errors.maxCoeff()) {
+      continue;
+    }
+    const Vector found = stages_.rounding_of(b, state_, whole);
+    // a little more than the tolerance may be as well a little less
+    const bool bearable = found.maxCoeff() <= bearable_rounding * options_.rtol;
+    errors = errors.cwiseMax(bearable ? Vector(found.cwiseMin(options_.rtol)) : found);
   }
 }
 

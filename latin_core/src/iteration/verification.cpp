@@ -63,8 +63,6 @@ constexpr double least_hold = Linearisation::least_hold;
 /// After so many steps those that are within so many times rounding are short enough.
 constexpr Index first_of_rounding = 3;
 constexpr double within_rounding = 10.0;
-/// An estimate of rounding below so many tolerances is no reason to refuse an answer.
-constexpr double bearable_rounding = 3.0;
 
 /// Whether the structure of the means is worth its price: of a chaos with random stiffnesses, whose bodies have dense
 /// blocks that cost more, it replaces up to hundreds of iterations on all columns.
@@ -244,6 +242,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix residual_before;
   double noise = 0.0;
   double first_norm = 0.0;
+  bool rose = false;
   double spread = 1.0;
   const double bearable_left =
       stages_.laws().linear_everywhere() ? linear_contraction : contraction;
@@ -329,11 +328,14 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                          !everywhere((rest.array() <= least_known.array().max(rtol)).all()) &&
                          largest(left) <= bearable_left;
       const bool hides = count < first_of_rounding && largest(hidden) > rtol;
+      const bool fallen = norm <= std::max(well_fallen * first_norm, noise);
+      // a step that made the residual larger led into another branch, and the last one may have come back to a stiff one
+      rose = rose || norm > first_norm;
       const bool settled =
           !go_on && !hides && everywhere(enough.all()) && borrowed == was_borrowed &&
-          norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise);
-      const bool little = norm <= std::max(well_fallen * first_norm, noise) &&
-                          everywhere((rest.array() <= least_known.array()).all());
+          norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
+          (!rose || fallen);
+      const bool little = fallen && everywhere((rest.array() <= least_known.array()).all());
       const bool in_branch = settled && stays_in_branch(step);
       const auto imbalance_of_better = [this] {
         return linear_->imbalance(stages_.laws(), better_, residual_,

@@ -351,7 +351,7 @@ double stiffest_of(const BodyDescription& description) {
 }
 
 /// Bodies whose displacements rounding may leave wrong by more are measured.
-constexpr double well_conditioned = 1e-10;
+constexpr double well_conditioned = 1e-12;
 /// So are those in which this much stiffer ones than their faces are joined: a bound is far too large for them.
 constexpr double uneven = 1e4;
 

@@ -171,6 +171,16 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
   return result;
 }
 
+Vector Yardstick::rounding_of_strains(const Sizes& whole) const {
+  Vector relative = Vector::Zero(metric.size());
+  for (Index b = 0; b < relative.size(); ++b) {
+    const double strain = whole.strain.col(b).maxCoeff();
+    const double far = reach(component[static_cast<std::size_t>(b)]);
+    relative(b) = strain > 0.0 ? rounding * std::sqrt(far * stiffness(b) / strain) : 0.0;
+  }
+  return relative;
+}
+
 Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
   Vector metric(static_cast<Index>(structure.bodies().size()));
   for (Index b = 0; b < metric.size(); ++b) {

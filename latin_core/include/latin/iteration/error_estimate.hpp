@@ -18,6 +18,8 @@ inline constexpr double least_explained = 0.05;
 inline constexpr double least_of_indicator = 0.3;
 /// A residual below this share of the data is rounding.
 inline constexpr double rounding_share = 2e-13;
+/// An estimate of rounding below so many tolerances is no reason to refuse an answer.
+inline constexpr double bearable_rounding = 3.0;
 
 /// This rank's shares of the squared distance of the two stages and of their squared size, in k and 1/k.
 /// @param weights, directions W and k of the rows

@@ -61,6 +61,9 @@ struct Yardstick {
   ///              of the body's own largest step is no error in any case
   [[nodiscard]] Matrix relative(const Sizes& error, const Sizes& whole,
                                 Noise noise = Noise::ignored) const;
+  /// What rounding of displacements may leave of the strain energies of a solution, (bodies), relative: much of stiff
+  /// bodies that soft ones carry along.
+  [[nodiscard]] Vector rounding_of_strains(const Sizes& whole) const;
 };
 
 /// The yardstick of a structure, its reach not known.
