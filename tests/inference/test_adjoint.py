@@ -1,0 +1,110 @@
+"""Adjoint derivatives against direct ones and against differences of solves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import dolfinx_frontend as lf
+from dolfinx_frontend import ProblemFunction, Response
+from dolfinx_frontend.inference.system import System
+from tests.inference.joints import RARE, D, K, joints
+from tests.inference.test_function import (
+    STEP,
+    TIGHT,
+    blocks,
+    corner,
+    field,
+    friction,
+    heat_and_moduli,
+    history,
+    scores,
+)
+
+Array = npt.NDArray[np.float64]
+
+
+@pytest.fixture(autouse=True)
+def solved_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linear systems to 1e-10, so that the two ways differ by their own errors only."""
+    monkeypatch.setattr(System, "near", 1e-10)
+    monkeypatch.setattr(System, "idle", 64)
+
+
+def gaps() -> ProblemFunction:
+    """40 germs of a rough face, partial slip."""
+    gap = lf.RandomField("g", mean=0.0, std=1e-4, length=5.0, modes=40)
+    scene = blocks(lf.Contact(stiffness=1e4, gap=gap, friction=0.3))
+    scene.force("cover:z1", (300.0, 0.0, -1500.0), name="push")
+    problem = lf.assemble(scene)
+
+    def slip(block: Any) -> Array:
+        return np.asarray(np.linalg.norm(block.jump("joint")[:, :, 1:], axis=(1, 2)))
+
+    return problem.function({"u": corner(problem, "x"), "slip": slip}, options=TIGHT)
+
+
+def moduli() -> ProblemFunction:
+    """A stiffness that differs from cell to cell, a heated part, and the stress in it."""
+    scene = lf.Scene()
+    factor = lf.RandomField("a", mean=1.0, cov=0.2, length=20.0, modes=6, distribution="lognormal")
+    for level, name in enumerate(("base", "cover")):
+        part = lf.geometry.box((20.0, 30.0, 10.0), (3, 3, 2), (0.0, 0.0, 10.0 * level))
+        steel = lf.LinearElastic(200e3, 0.3, alpha=1e-5)
+        scene.substructure(name, part, steel, degree=1, stiffness=factor if level else 1.0)
+    scene.fix("base:z0")
+    scene.interface("joint", "base:z1", "cover:z0", lf.Contact(friction=0.2, stiffness=1e4))
+    scene.interface("spring", "base:z1", "cover:z0", lf.Elastic(normal=1.0, tangential=5.0))
+    scene.force("cover:z1", (300.0, 0.0, -1500.0), name="push")
+    scene.temperature("cover", 20.0, name="heat")
+    problem = lf.assemble(scene)
+    stress = lf.AtPoint(problem, "cover", (7.0, 11.0, 14.0), "stress", "mises")
+    inputs = ["joint.friction", "push.x", "heat.dT", *(f"a[{k}]" for k in range(6))]
+    return problem.function({"u": corner(problem, "x"), "mises": stress}, inputs, options=TIGHT)
+
+
+@pytest.mark.parametrize("made", [friction, history, heat_and_moduli, field, scores, gaps, moduli])
+def test_both_ways_agree(made: Callable[[], ProblemFunction]) -> None:
+    function = made()
+    x = function.nominal
+    x = np.where(x == 0.0, np.resize([0.3, -0.2, 0.5], len(x)), x)
+    function(x)
+    one, other = function.derivatives(x, way="direct"), function.derivatives(x, way="adjoint")
+    assert one.way == "direct" and other.way == "adjoint" and max(one.residual, other.residual) < 1e-9
+    size = np.maximum(np.abs(function(x)), np.abs(one.values * x).max(axis=1))[:, None]
+    assert np.all(np.abs(one.values - other.values) * np.abs(x) <= 1e-8 * size)
+
+
+@pytest.mark.parametrize("made", [gaps, moduli])
+def test_many_inputs_take_the_adjoint_way(made: Callable[[], ProblemFunction]) -> None:
+    """Central differences of solves to 1e-6 of the quantity."""
+    function = made()
+    x = function.nominal
+    x = np.where(x == 0.0, np.resize([0.3, -0.2, 0.5], len(x)), x)
+    found = function.derivatives(x)
+    assert found.way == "adjoint" and not found.kinks.any()
+    value = np.abs(function(x))
+    for k in {0, 2, 5, len(x) - 1}:
+        away = STEP * abs(x[k]) * np.eye(len(x))[k]
+        slope = (function(x + away) - function(x - away)) / (2.0 * away[k])
+        error = np.abs(found.values[:, k] - slope) * abs(x[k])
+        assert np.all(error <= 1e-6 * np.maximum(value, np.abs(found.values * x).max(axis=1)))
+
+
+def test_where_there_is_no_adjoint_the_direct_way_is_taken() -> None:
+    """A kink of the law, which is flagged, and a minimum of numbers that are all equal."""
+    problem = joints(RARE)
+    function = problem.function({"joint": "joint"}, options=TIGHT)
+    at = np.array([K, D, K * D])
+    assert function.derivatives(at, way="adjoint").way == "direct"
+    assert function.derivatives(at, way="adjoint").kinks.any()
+    away = function.nominal
+    assert function.derivatives(away, way="adjoint").way == "adjoint"
+    opening = problem.function(Response.opening("joint"), options=TIGHT)
+    assert opening.derivatives(away, way="adjoint").way == "direct"
+    with pytest.raises(lf.SceneError, match="way = 'backwards'"):
+        opening.derivatives(away, way="backwards")  # type: ignore[arg-type]
