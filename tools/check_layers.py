@@ -191,6 +191,9 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "inference": (
         "inputs",
         "points",
+        "system",
+        "readings",
+        "adjoint",
         "gradients",
         "events",
         "journal",

@@ -1,16 +1,16 @@
 """Derivatives of few quantities with respect to many inputs: one linear system for each quantity.
 
-With A = dr/ds + dr/dw G of :mod:`.gradients`, dq/dx = q_x - <l, r_x> where A* l is the derivative of q with respect to
-the data, all at fixed data; products are those of forces and traces, summed with the areas. The bodies are their own
-adjoints. A law is a slope R of its force by the free jump, at every point and over its history, and with e = +-1 on
-the two sides
+With A = dr/ds + dr/dw G of :mod:`.gradients`, dq/dx = q_x - <l, r_x> where A* l is the derivative of q with
+respect to the data, all at fixed data; products are those of forces and traces, summed with the areas. The
+bodies are their own adjoints. A law is a slope R of its force by the free jump, at every point and over its
+history, and with e = +-1 on the two sides
 
     A = -(1 + N H),     A* = -(1 + H N'),     N = k - 2 e R e',     H = 1 / k - 2 G,
     A*^-1 = -(1 - H (1 + N' H)^-1 N'):
 
-the same system with all slopes transposed, which friction and history are not indifferent to, and the same tangent
-as a preconditioner, transposed as well. The slopes are differences of the laws at every point. Where these see a
-kink, and where the product of both ways with random data differs, there is no adjoint.
+the same system with all slopes transposed, which friction and history are not indifferent to, and the same
+tangent as a preconditioner, transposed as well. The slopes are differences of the laws at every point. Where
+these see a kink, and where the product of both ways with random data differs, there is no adjoint.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class _Adjoint(System):
         self.amplitudes = amplitudes
         self.fields = [each for each in parameters if is_field(each)]
         self.others = [each for each in parameters if not is_field(each)]
-        self.multipliers, self.left = np.zeros((solver.rows, 0)), 0.0
+        self.left = 0.0
         self.cells: dict[str, Array] = {}
         if self.tangent is not None:
             self.near = NEARER
@@ -135,7 +135,8 @@ class _Adjoint(System):
         interfaces = self.solver.problem.interfaces
         components = {name: self._components(name) for name in self.sides}
         k = self.solver.directions
-        found, away = {}, np.zeros(self.solver.rows)
+        found: dict[str, Array] = {}
+        away = np.zeros(self.solver.rows)
         for name, sides in self.sides.items():
             of_data = np.abs(self.data[sides[0]]).max(initial=0.0)
             size = max(of_data, (k[sides[0], None] * np.abs(self.traces[sides[0]])).max(initial=0.0))
@@ -149,7 +150,7 @@ class _Adjoint(System):
         for first in range(0, len(changes), most):
             some = changes[first : first + most]
             laws, _ = self.repeated(len(some))
-            change = np.zeros((self.solver.rows, len(some), self.columns))
+            change: Array = np.zeros((self.solver.rows, len(some), self.columns))
             for number, (component, column) in enumerate(some):
                 for name, sides in self.sides.items():
                     rows = np.arange(sides[0].start + component, sides[0].stop, components[name])
@@ -256,7 +257,7 @@ class _Adjoint(System):
     def multiply(self, slopes: dict[Leaf, Array], count: int) -> bool:
         """Find the multipliers of quantities; whether they can be had."""
         shape = (self.solver.rows, count, self.columns)
-        of_traces = np.zeros(shape)
+        of_traces: Array = np.zeros(shape)
         for name, sides in self.sides.items():
             force, jump = (slopes.get((of, name, b"")) for of in ("force", "jump"))
             if force is None and jump is None:
@@ -271,23 +272,23 @@ class _Adjoint(System):
             for side, sign in zip(sides, (1.0, -1.0), strict=False):
                 of_traces[side] -= 2.0 * sign * free
         weights, k = self.solver.weights[:, None], self.solver.directions[:, None]
-        by_traces = of_traces.reshape(len(of_traces), -1) / weights
+        by_traces: Array = of_traces.reshape(len(of_traces), -1) / weights
         laws, loads = self.repeated(count)
         of_data = self.solver.global_stage(laws, np.asfortranarray(by_traces), loads) - 0.5 * by_traces / k
         of_parts = self._traces_of(slopes, count)
         if of_parts is None:
             return False
         of_unknowns, fields = of_parts
-        given = of_data + of_unknowns
+        given: Array = of_data + of_unknowns
         right = -self._between(given)
         changes, self.left = self.solve(right, np.full(count * self.columns, 1e300))
-        self.multipliers = -given - self._bodies(changes)
+        self.multipliers: Array = np.asarray(-given - self._bodies(changes))
         if self.fields:
             self._by_cells(by_traces - 2.0 * self._between(self.multipliers), fields, count)
         return True
 
     def _by_cells(self, data: Array, fields: dict[str, Array], count: int) -> None:
-        """Derivatives by the factors of cells: the work that their stresses do on the adjoint displacements."""
+        """Derivatives by the factors of cells: work of their stresses on the adjoint displacements."""
         solver = self.solver
         laws, loads = self.repeated(count)
         data = np.asfortranarray(data)
@@ -300,7 +301,8 @@ class _Adjoint(System):
             moved = virtual[part] + fields[part].reshape(len(virtual[part]), -1)
             stretched = stretch.matrix @ real[part]
             if solver.loads:
-                stretched = stretched - initial_stretches(solver.problem, solver.plan, part) @ self.amplitudes
+                initial = initial_stretches(solver.problem, solver.plan, part)
+                stretched = stretched - initial @ self.amplitudes
             work = (stretch.matrix @ moved).reshape(-1, count, self.columns) * stretched[:, None]
             of_cells = work.reshape(len(stretch.weights), stretch.components, count, self.columns)
             self.cells[part] = -of_cells.sum(axis=(1, 3)).T
@@ -313,8 +315,8 @@ class _Adjoint(System):
         """
         solver = self.solver
         parts_of = solver.problem.substructures
-        found = np.zeros((solver.rows, count, self.columns))
-        fields = {
+        found: Array = np.zeros((solver.rows, count, self.columns))
+        fields: dict[str, Array] = {
             each.interface: np.zeros((parts_of[each.interface].size, count, self.columns))
             for each in self.fields
         }
@@ -324,9 +326,9 @@ class _Adjoint(System):
                 continue
             which = np.frombuffer(numbers, dtype=np.int64)
             for quantity, column in zip(*np.nonzero(np.any(slope != 0.0, axis=2)), strict=True):
-                force = forces.setdefault((int(quantity), int(column)), {})
-                of_part = force.setdefault(part, np.zeros(parts_of[part].size))
-                np.add.at(of_part, which, slope[quantity, column])
+                of_parts = forces.setdefault((int(quantity), int(column)), {})
+                force = of_parts.setdefault(part, np.zeros(parts_of[part].size))
+                np.add.at(force, which, slope[quantity, column])
         if not forces:
             return found.reshape(len(found), -1), fields
         if not solver.loads:
@@ -336,10 +338,10 @@ class _Adjoint(System):
             some = wanted[first : first + solver.loads]
             parts = {part for each in some for part in forces[each]}
             extra = {part: np.zeros((parts_of[part].size, solver.loads)) for part in parts}
-            unit = np.zeros((solver.loads, len(some), self.columns))
+            unit: Array = np.zeros((solver.loads, len(some), self.columns))
             for number, each in enumerate(some):
-                for part, force in forces[each].items():
-                    extra[part][:, number] = force
+                for part, on_part in forces[each].items():
+                    extra[part][:, number] = on_part
                 unit[number, number, each[1]] = 1.0
             unit = np.asfortranarray(unit.reshape(solver.loads, -1))
             nothing = np.zeros((solver.rows, unit.shape[1]), order="F")
@@ -391,7 +393,7 @@ class _Along:
         self.bent = bool(np.any((second > FLAGGED * first) & (second > NOTHING * system.size)))
 
     def _moving(self, parameters: Sequence[SweptParameter]) -> Ints:
-        """Neighbours at which bodies move at fixed data: their loads or stiffnesses change, but for fields."""
+        """Neighbours at which bodies move at fixed data: loads or stiffnesses change, but for fields."""
         moving: Flags = np.zeros(2 * self.count, dtype=bool)
         for each in parameters:
             if not is_field(each) and (not each.interface or each.parameter == STIFFNESS):

@@ -53,6 +53,9 @@ KEPT_BYTES = 2e8
 NEAREST = 24
 """Of these that a call with few points is started from."""
 
+LOOSE = 1e-4
+"""Relative residual of the systems of derivatives that is told."""
+
 Failure = Literal["nan", "raise"]
 
 
@@ -406,6 +409,13 @@ class ProblemFunction:
         if told:
             more = f" and {len(told) - 3} more" if len(told) > 3 else ""
             warn(f"function: no derivative at a kink: {', '.join(told[:3])}{more}", KinkWarning)
+        loose = max((each.residual for each in found), default=0.0)
+        if loose > LOOSE:
+            warn(
+                f"function: derivatives are not better than their linear systems, which leave {loose:.1e} of "
+                "their right-hand sides",
+                SceneWarning,
+            )
         values = np.array([each.values for each in found])
         return values if np.ndim(x) > 1 else np.asarray(values[0])
 

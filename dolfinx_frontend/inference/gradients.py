@@ -5,11 +5,12 @@ bodies answer. Where no point of an interface changes its status, so that r is s
 
     (dr/ds + dr/dw G) ds/dx = -dr/dx - dr/dw dw/dx,     G ds = dw/ds ds,
 
-one linear system with as many right-hand sides as there are inputs, on the factors that the solve had. Its
-operator is applied by differences of the *laws*, point by point: exact up to rounding in a branch, and of
-second order where a law is curved; time steps see those before them. Newton's tangent is the preconditioner,
-conjugate residuals of all inputs together do the rest. The readings are then differences along the answer; no
-solve is ever differenced.
+one linear system with as many right-hand sides as there are inputs, on the factors that the solve had; or,
+where quantities are fewer, its adjoint with as many as there are of these, see :mod:`.adjoint`. Its operator
+is applied by differences of the *laws*, point by point: exact up to rounding in a branch, and of second order
+where a law is curved; time steps see those before them. Newton's tangent is the preconditioner, conjugate
+residuals of all inputs together do the rest. The readings are then differences along the answer; no solve is
+ever differenced.
 
 At a kink (a point that just opens, starts to slip) there is no derivative: the laws leave a residual at the
 predicted neighbours that is of first order instead of second, and that is flagged.
@@ -166,5 +167,3 @@ def _some(
         places = system.places(left.reshape(len(left), 2, count, columns), kinks)
     quotients = (values[:count] - values[count:]) / (2.0 * widths[:, None])
     return Derivatives(np.ascontiguousarray(quotients.T), kinks, tuple(places), residual)
-
-

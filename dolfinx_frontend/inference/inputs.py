@@ -216,13 +216,13 @@ class Inputs:
     def around(self, x: Array, which: Sequence[int] | Ints, steps: Array) -> tuple[Array, Array]:
         """Neighbours (2 * which, inputs) of a point along some inputs, those above first; half their
         distances."""
-        count = len(which)
-        around = np.repeat(x[None], 2 * count, axis=0)
-        for k, number in enumerate(which):
-            around[k, number] += steps[number]
-            around[count + k, number] -= steps[number]
+        numbers: Ints = np.asarray(which, dtype=np.int64)
+        rows = np.arange(len(numbers))
+        ends = np.repeat(x[None, None], 2, axis=0).repeat(len(numbers), axis=1)
+        ends[0, rows, numbers] += steps[numbers]
+        ends[1, rows, numbers] -= steps[numbers]
         # as they are in the end
-        return around, 0.5 * (around[:count] - around[count:])[np.arange(count), np.asarray(which)]
+        return np.concatenate(list(ends)), 0.5 * (ends[0] - ends[1])[rows, numbers]
 
     def steps(self, x: Array) -> Array:
         """Steps (inputs,) of difference quotients at a point (inputs,)."""

@@ -1,8 +1,8 @@
 """Derivatives of numbers of an answer with respect to the fields that they are read from.
 
-Nothing is known of a reading but that it is a function of the fields of some samples. It is asked once, and what it
-asks for is written down: forces and jumps of interfaces, some unknowns of parts. Then these are changed one number
-after the other, many of them side by side, as samples. No solve takes part.
+Nothing is known of a reading but that it is a function of the fields of some samples. It is asked once, and
+what it asks for is written down: forces and jumps of interfaces, some unknowns of parts. Then these are changed
+one number after the other, many of them side by side, as samples. No solve takes part.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ __all__ = ["Leaf", "Read", "Readings"]
 Read = Callable[[SweepResult, Array], Array]
 """An answer at points, and these (N, inputs) -> readings (N, quantities)."""
 Leaf = tuple[str, str, bytes]
-"""A field that is read: ``"force"``, ``"jump"`` or ``"moved"``, of an interface or a part, numbers of unknowns."""
+"""A field that is read: ``"force"``, ``"jump"`` or ``"moved"``, of an interface or a part, its unknowns."""
 
-SHORT, LONG = 1e-6, 1e-3
-"""Steps relative to the largest number of a field. The long one has no rounding to speak of, and is taken where the
-reading is linear: where both agree to `SAME`, relative to the reading and its field."""
+SHORT, LONG = 3e-7, 1e-3
+"""Steps relative to the largest number of a field. The long one has no rounding to speak of, and is taken
+where the reading is linear: where both agree to `SAME`, relative to the reading and its field."""
 SAME = 1e-9
 TRIED = 1e-3
 """Random changes that tell which groups of numbers are read at all."""
 BENT = 0.05
-"""Difference of the slopes to both sides, relative to the largest, above which a reading has a kink: a minimum of
-equal numbers, for instance, follows all of them together and none alone."""
-ROUNDING = 1e-14
-"""Of readings."""
+"""Difference of the slopes to both sides, relative to the largest, above which a reading has a kink: a
+minimum of equal numbers, for instance, follows all of them together and none alone."""
+ROUNDING = 1e-12
+"""Of readings, which may differ from one number of samples to another."""
 NUMBERS = 4e6
 """Of the fields of samples that are read at once."""
 MOST = 4e8
@@ -78,8 +78,8 @@ class Readings:
     values
         (quantities,).
     slopes
-        Field -> derivatives (quantities, columns, numbers), of those that are read; None: too many numbers, or a
-        kink.
+        Field -> derivatives (quantities, columns, numbers), of those that are read; None: too many numbers,
+        or a kink.
     """
 
     def __init__(
@@ -183,7 +183,8 @@ class Readings:
         for some in _pieces(np.arange(len(used)), base.size):
             by = change * (group == some[:, None])
             values = self._at_fields(leaf, base + np.concatenate([by, -by]).reshape(-1, *base.shape))
-            used[some] |= np.any(values != self.values, axis=1).reshape(2, -1).any(axis=0)
+            changed = np.abs(values - self.values) > ROUNDING * np.abs(self.values)
+            used[some] |= changed.any(axis=1).reshape(2, -1).any(axis=0)
         return np.flatnonzero(used[group])
 
     def _slopes_of(self, leaf: Leaf, base: Array, size: float, which: Ints) -> Array | None:

@@ -1,7 +1,7 @@
 """The linear system of the changes of a state, and its adjoint, on the factors of a solve.
 
-Its operator is applied by differences of the *laws*, point by point, see :mod:`.gradients`; Newton's tangent is
-the preconditioner, conjugate residuals of all right-hand sides together do the rest.
+Its operator is applied by differences of the *laws*, point by point, see :mod:`.gradients`; Newton's tangent
+is the preconditioner, conjugate residuals of all right-hand sides together do the rest.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ NEAR = 3e-7
 MOST_SWEEPS = 8
 """Corrections before conjugate residuals, beside one per time step."""
 IDLE = 8
-"""Rounds of the search in which the residual is not halved, after which it ends, where many columns share them."""
+"""Rounds of the search in which the residual is not halved, after which it ends: many columns share them."""
 NOTHING = 1e-12
 """Right-hand sides below this, relative to the state, are zero."""
 BYTES = 2e8

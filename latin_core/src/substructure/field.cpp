@@ -286,9 +286,9 @@ std::vector<Matrix> FieldColumns::displacements(const Body& mean, ConstMatrixRef
   std::vector<Matrix> fields;
   for (Index k = 0; k < blocks(); ++k) {
     const std::shared_ptr<const Body> one = sample(mean, k);
-    const std::vector<Matrix> found = one->displacements(data.middleCols(k * count, count),
-                                                            amplitudes.middleCols(k * count, count),
-                                                            one->response_to_extra(extra));
+    const std::vector<Matrix> found =
+        one->displacements(data.middleCols(k * count, count),
+                           amplitudes.middleCols(k * count, count), one->response_to_extra(extra));
     for (std::size_t e = 0; e < found.size(); ++e) {
       if (k == 0) {
         fields.emplace_back(found[e].rows(), data.cols());

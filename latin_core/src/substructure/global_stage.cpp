@@ -53,8 +53,8 @@ void GlobalStage::apply_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef
     const std::shared_ptr<const Body> sample = field.sample(laws_.structure().bodies()[b], k);
     auto of_sample = traces.middleCols(k * count, count);
     sample->apply(data.middleCols(k * count, count), of_sample, work_);
-    of_sample.noalias() += sample->response_to_extra(field.extra).traces *
-                           amplitudes.middleCols(k * count, count);
+    of_sample.noalias() +=
+        sample->response_to_extra(field.extra).traces * amplitudes.middleCols(k * count, count);
   }
 }
 
