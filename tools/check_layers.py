@@ -208,6 +208,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "limit",
         "reliability",
         "posterior",
+        "chains",
         "calibration",
     ),
     "solving": (),
