@@ -214,7 +214,7 @@ class Posterior:
         if self.acceptance:
             shares = ", ".join(f"{100.0 * each:.0f} %" for each in self.acceptance)
             worst = max(self.rhat.values())
-            lines.append(f"  {len(self.acceptance)} chains: {shares} of the steps accepted, R-hat {worst:.4f}")
+            lines.append(f"  {len(self.acceptance)} chains: {shares} of steps accepted, R-hat {worst:.4f}")
         for name in self.names:
             low, high = self.quantile(name, 0.025), self.quantile(name, 0.975)
             before = self.priors.get(name)
@@ -480,6 +480,7 @@ def _bayes(
     inverse = covariance_of(jacobian)
     peaks = [(each, covariance_of(slopes)) for each, _, slopes in modes]
     chains: Chains | None = None
+    weights: Array
     if chained:
         chains = walked(model.log_density, peaks, count, generator)
         scores, evidence = chains.scores.reshape(-1, dimension), math.nan
@@ -500,8 +501,8 @@ def _bayes(
             effective = min(effective, own)
         if max(rhat.values()) > AGREED:
             warn(
-                f"calibrate: the chains do not agree (R-hat {max(rhat.values()):.3f}): raise samples=, or use "
-                "method='bayes'",
+                f"calibrate: the chains do not agree (R-hat {max(rhat.values()):.3f}): raise samples=, or "
+                "use method='bayes'",
                 SceneWarning,
             )
     if effective < 50.0:
@@ -534,7 +535,7 @@ def _bayes(
             {name: float(function._inputs.values(each[None])[name][0]) for name in names}
             for each, _, _ in modes[1:]
         ),
-        () if chains is None else tuple(chains.acceptance.tolist()),
+        () if chains is None else tuple(float(each) for each in chains.acceptance),
         rhat,
     )
 

@@ -1,8 +1,8 @@
 """Derivatives of numbers of an answer with respect to the fields that they are read from.
 
 Nothing is known of a reading but that it is a function of the fields of some samples. It is asked once, and
-what it asks for is written down: forces and jumps of interfaces, some unknowns of parts. Then these are changed
-one number after the other, many of them side by side, as samples. No solve takes part.
+what it asks for is written down: forces and jumps of interfaces, some unknowns of parts. Then these are
+changed one number after the other, many of them side by side, as samples. No solve takes part.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ class Row:
     goal: bool = False
 
     def mesh_of(self, statistic: str) -> str:
-        """What the error of the meshes of a statistic was estimated of: ``"energy"``, ``"goal"`` or ``""``."""
+        """What the error of the meshes was estimated of: ``"energy"``, ``"goal"``, or ``""``: not known."""
         if not np.isfinite(self.mesh[statistic]):
             return ""
         return "goal" if self.goal and statistic != "std" else "energy"

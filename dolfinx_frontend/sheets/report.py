@@ -203,8 +203,8 @@ def report(
     errors
         True: the iteration is carried on to a tenth of its error, and the error of the meshes is estimated,
         where that is possible; ``"goal"``: as True, and the error of the meshes of the force of every bolt
-        that has a joint for itself by a dual problem, one or two more solves for each; False: neither; or the :class:`Errors` of
-        another answer on these meshes.
+        that has a joint for itself by a dual problem, one or two more solves for each; False: neither; or
+        the :class:`Errors` of another answer on these meshes.
     pictures, renderer
         Whether there are any, and what draws solids, see :func:`dolfinx_frontend.figures.assembly_figure`.
     samples, seed

@@ -118,8 +118,8 @@ def errors_known(answer: Answer, given: Any, bolts: Sequence[Bolt]) -> Known:
 def _goals(answer: Answer, bolts: Sequence[Bolt]) -> tuple[dict[str, float], str]:
     """Errors of the forces of bolts at the end, and why those of others are not known.
 
-    A preload has no dual problem: where a bolt has a joint for itself, it is that of the joint, from which its
-    own force differs by the load, which has no error.
+    A preload has no dual problem: where a bolt has a joint for itself, it is that of the joint, from which
+    its own force differs by the load, which has no error.
     """
     found: dict[str, float] = {}
     why = ""
