@@ -281,7 +281,7 @@ class _Adjoint(System):
         of_unknowns, fields = of_parts
         given: Array = of_data + of_unknowns
         right = -self._between(given)
-        changes, self.left = self.solve(right, np.full(count * self.columns, 1e300))
+        changes, self.left = self.solve(right)
         self.multipliers: Array = np.asarray(-given - self._bodies(changes))
         if self.fields:
             self._by_cells(by_traces - 2.0 * self._between(self.multipliers), fields, count)

@@ -480,6 +480,7 @@ def _bayes(
     inverse = covariance_of(jacobian)
     peaks = [(each, covariance_of(slopes)) for each, _, slopes in modes]
     chains: Chains | None = None
+    scores: Array
     weights: Array
     if chained:
         chains = walked(model.log_density, peaks, count, generator)

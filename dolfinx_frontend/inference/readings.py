@@ -27,9 +27,10 @@ Read = Callable[[SweepResult, Array], Array]
 Leaf = tuple[str, str, bytes]
 """A field that is read: ``"force"``, ``"jump"`` or ``"moved"``, of an interface or a part, its unknowns."""
 
-SHORT, LONG = 3e-7, 1e-3
-"""Steps relative to the largest number of a field. The long one has no rounding to speak of, and is taken
-where the reading is linear: where both agree to `SAME`, relative to the reading and its field."""
+SHORT, LONG = 1e-5, 1e-3
+"""Steps relative to the largest number of a field. The short one and its double make a difference of the fourth
+order: a stress is small beside what one unknown adds to it. The long one has no rounding to speak of, and is
+taken where the reading is linear: where both agree to `SAME`, relative to the reading and its field."""
 SAME = 1e-9
 TRIED = 1e-3
 """Random changes that tell which groups of numbers are read at all."""
@@ -158,11 +159,11 @@ class Readings:
         for leaf, base in self._leaves.items():
             size = float(np.abs(base).max(initial=0.0)) or sizes[leaf[0]] or 1.0
             which = self._read_ones(leaf, base, size)
-            spent += 4.0 * len(which) * base.size
+            spent += 6.0 * len(which) * base.size
             if spent > MOST:
                 return None
             found[leaf] = np.zeros((len(self.values), base.size))
-            for some in _pieces(which, 4 * base.size):
+            for some in _pieces(which, 6 * base.size):
                 slopes = self._slopes_of(leaf, base, size, some)
                 if slopes is None:
                     return None
@@ -189,14 +190,15 @@ class Readings:
 
     def _slopes_of(self, leaf: Leaf, base: Array, size: float, which: Ints) -> Array | None:
         """Derivatives (quantities, which) with respect to some numbers of a field; None: there is a kink."""
-        steps = size * np.array([SHORT, -SHORT, LONG, -LONG])
-        samples = np.tile(base.ravel(), (4, len(which), 1))
+        steps = size * np.array([SHORT, -SHORT, 2.0 * SHORT, -2.0 * SHORT, LONG, -LONG])
+        samples = np.tile(base.ravel(), (len(steps), len(which), 1))
         samples[:, np.arange(len(which)), which] += steps[:, None]
         taken = samples[:, np.arange(len(which)), which] - base.ravel()[which]  # as they are in the end
         values = self._at_fields(leaf, samples.reshape(-1, *base.shape))
-        away = values.reshape(4, len(which), -1) - self.values
+        away = values.reshape(len(steps), len(which), -1) - self.values
         above, below = (away[k] / taken[k, :, None] for k in (0, 1))
-        short, long = ((away[k] - away[k + 1]) / (taken[k] - taken[k + 1])[:, None] for k in (0, 2))
+        near, far, long = ((away[k] - away[k + 1]) / (taken[k] - taken[k + 1])[:, None] for k in (0, 2, 4))
+        short = near + (near - far) / 3.0
         largest = np.maximum(np.abs(above), np.abs(below)).max(axis=0, initial=0.0)
         rounding = ROUNDING * np.abs(self.values) / (SHORT * size)
         if np.any(np.abs(above - below) > BENT * largest + rounding):

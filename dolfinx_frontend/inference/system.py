@@ -137,11 +137,19 @@ class System:
             return residual
         return np.asarray(self.tangent.correct(np.asfortranarray(residual))[0])
 
-    def solve(self, right: Array, widths: Array) -> tuple[Array, float]:
-        """Changes (rows, sets * columns) with ``apply(changes) = -right``; the largest relative residual."""
+    def solve(self, right: Array, widths: Array | None = None) -> tuple[Array, float]:
+        """Changes (rows, sets * columns) with ``apply(changes) = -right``; the largest relative residual.
+
+        Parameters
+        ----------
+        widths
+            (sets * columns,) what changes are multiplied with: what is nothing beside the state is not solved
+            for. None: only zeros are not.
+        """
         sizes = self.sets(right)
-        widest = widths.reshape(-1, self.columns)[:, 0]
-        nothing = sizes * widest <= NOTHING * self.size
+        nothing = sizes == 0.0
+        if widths is not None:
+            nothing = sizes * widths.reshape(-1, self.columns)[:, 0] <= NOTHING * self.size
         answer = np.zeros_like(right)
         left = right.copy()
         best = np.where(nothing, 0.0, np.inf)

@@ -43,7 +43,7 @@ from dolfinx_frontend.sheets.statistics import errors_known, label
 
 __all__ = ["Report", "report"]
 
-RANKED = ("margin", "m_K", "m_G", "F_V", "F_S max", "F_S", "F_KR", "Phi", "sigma_a")
+RANKED = ("margin", "m_K", "m_G", "F_V", "F_S max", "F_S", "F_KR", "Phi", "sigma_a", "sigma_ab")
 """Columns of the first table; beside the highest bolt force stands the lowest."""
 ZERO = 1e-8
 """What is shown as 0, relative to the largest number of its kind."""
