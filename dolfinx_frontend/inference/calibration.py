@@ -24,7 +24,7 @@ from dolfinx_frontend.inference.posterior import Data, Model, covariance_of, mod
 from dolfinx_frontend.plan.plan import check_problem
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fitting import openturns
-from dolfinx_frontend.uncertainty.parameters import FromDistribution, RandomParameter
+from dolfinx_frontend.uncertainty.parameters import FromDistribution, Normal, RandomParameter
 from dolfinx_frontend.uncertainty.quantities import Estimate
 
 __all__ = ["Direction", "Fit", "Posterior", "calibrate"]
@@ -108,7 +108,7 @@ class Posterior:
     Attributes
     ----------
     names
-        Random numbers.
+        Random numbers, and germs of random fields, ``"field[0]"``, which are standard normal before.
     samples, weights
         (n, numbers) values, and (n,) their probabilities, of sum 1.
     likeliest
@@ -132,6 +132,8 @@ class Posterior:
     rhat
         Of Markov chains: random number -> how much further apart they are together than each by itself; 1:
         they agree.
+    germs
+        Those of the names that are germs of random fields.
     """
 
     names: tuple[str, ...]
@@ -150,6 +152,7 @@ class Posterior:
     modes: tuple[Mapping[str, float], ...] = ()
     acceptance: tuple[float, ...] = ()
     rhat: Mapping[str, float] = field(default_factory=dict)
+    germs: tuple[str, ...] = ()
 
     @property
     def unseen(self) -> tuple[Direction, ...]:
@@ -191,7 +194,19 @@ class Posterior:
         return np.asarray(block / np.outer(size, size))
 
     def random(self) -> dict[str, RandomParameter]:
-        """The posterior as random numbers of the next scene: distributions, joined by a normal copula."""
+        """The posterior as random numbers of the next scene: distributions, joined by a normal copula.
+
+        Raises
+        ------
+        SceneError
+            There are germs of random fields in it, which no other scene takes one by one.
+        """
+        germs = [name for name in self.names if name in self.germs]
+        if germs:
+            raise SceneError(
+                f"posterior: {germs[0]} is a germ of a random field and no random number of another scene; "
+                "take the samples, e.g. as points of problem.function"
+            )
         laws = {name: _Smoothed(self._column(name), self.weights) for name in self.names}
         single = {name: FromDistribution(name, law, germ="normal") for name, law in laws.items()}
         if len(single) == 1:
@@ -489,12 +504,23 @@ def _bayes(
     else:
         scores, weights, evidence = weighted(model, peaks, count, generator)
     effective = float(1.0 / np.sum(weights**2))
-    values = function._inputs.values(scores)
     chosen = {germ for germ in function.inputs}
     space = function._inputs.random.space
-    names = [
-        n for n in values if chosen & {space.germ_names[c] for c in space.columns(space._sources[n])}
-    ]
+    known = set(function._inputs.values(scores[:1]))
+    of_fields = [
+        germ
+        for source in space.names if source not in known
+        for column in space.columns(space._sources[source]) if (germ := space.germ_names[column]) in chosen
+    ]  # fmt: skip
+
+    def numbers(u: Array) -> dict[str, Array]:
+        """Random numbers and germs of fields at scores (N, L), (N,) each."""
+        own = {germ: np.asarray(u[:, function.inputs.index(germ)]) for germ in of_fields}
+        return {**function._inputs.values(u), **own}
+
+    values = numbers(scores)
+    names = [n for n in known if chosen & {space.germ_names[c] for c in space.columns(space._sources[n])}]
+    names = [n for n in values if n in names or n in of_fields]
     rhat: dict[str, float] = {}
     if chains is not None:
         for name in names:
@@ -513,7 +539,7 @@ def _bayes(
             SceneWarning,
         )
     away = 1e-4 * np.eye(dimension)
-    around = function._inputs.values(np.vstack([u, u + away, u - away]))
+    around = numbers(np.vstack([u, u + away, u - away]))
     laplace = {}
     for name in names:
         slope = (around[name][1 : dimension + 1] - around[name][dimension + 1 :]) / 2e-4
@@ -531,13 +557,14 @@ def _bayes(
         function.solves,
         model.gradients,
         perf_counter() - began,
-        {name: space._sources[name] for name in names},
+        {name: Normal(name, 0.0, std=1.0) if name in of_fields else space._sources[name] for name in names},
         tuple(
-            {name: float(function._inputs.values(each[None])[name][0]) for name in names}
+            {name: float(numbers(each[None])[name][0]) for name in names}
             for each, _, _ in modes[1:]
         ),
         () if chains is None else tuple(float(each) for each in chains.acceptance),
         rhat,
+        tuple(of_fields),
     )
 
 

@@ -416,7 +416,7 @@ class ProblemFunction:
                 "their right-hand sides",
                 SceneWarning,
             )
-        values = np.array([each.values for each in found])
+        values = np.array([each.values for each in found]).reshape(-1, len(self.outputs), self.dimension)
         return values if np.ndim(x) > 1 else np.asarray(values[0])
 
     def derivatives(self, x: npt.ArrayLike, way: Way | None = None) -> Derivatives:

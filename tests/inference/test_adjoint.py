@@ -62,7 +62,41 @@ def moduli() -> ProblemFunction:
     return problem.function({"u": corner(problem, "x"), "mises": stress}, inputs, options=TIGHT)
 
 
-@pytest.mark.parametrize("made", [friction, history, heat_and_moduli, field, scores, gaps, moduli])
+def unsymmetric() -> ProblemFunction:
+    """A law whose stiffness is no symmetric matrix."""
+    matrix = np.array([[100.0, 20.0, 0.0], [-15.0, 60.0, 10.0], [5.0, -8.0, 60.0]])
+
+    def force(jump: Array, size: Array) -> Array:
+        return np.asarray(size[:, None] * np.einsum("ab,pbc->pac", matrix, jump))
+
+    scene = lf.Scene()
+    for level, name in enumerate(("base", "cover")):
+        part = lf.geometry.box((20.0, 30.0, 10.0), (2, 2, 1), (0.0, 0.0, 10.0 * level), cell="hexahedron")
+        scene.substructure(name, part, lf.LinearElastic(200e3, 0.3), degree=1)
+    scene.fix("base:z0")
+    scene.interface("joint", "base:z1", "cover:z0", lf.UserLaw(force=force, values={"size": 1.0}))
+    scene.force("cover:z1", (300.0, 0.0, 3000.0), point=(14.0, 15.0, 20.0), name="pull")
+    problem = lf.assemble(scene)
+    inputs = ["pull.z", "joint.size", "cover.E"]
+    return problem.function({"u": corner(problem, "x")}, inputs, options=TIGHT)
+
+
+def debonding() -> ProblemFunction:
+    """Softening, unloading and loading again."""
+    scene = blocks(lf.Debonding(normal=1e3, tangential=1e3, strength=1.0, energy=0.02))
+    scene.interface("holds", "base:z1", "cover:z0", lf.Elastic(normal=20.0, tangential=20.0))
+    on = lf.Amplitude([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 0.3, 1.2])
+    scene.force("cover:z1", (50.0 * on, 0.0, 500.0 * on), point=(16.0, 15.0, 20.0), name="pull")
+    problem = lf.assemble(scene)
+    inputs = ["pull.z", "pull.x", "joint.normal", "joint.strength"]
+    quantity = {"u": corner(problem, "z")}
+    return problem.function(quantity, inputs, times=[1.0, 2.0, 3.0], options=TIGHT)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [friction, history, heat_and_moduli, field, scores, gaps, moduli, unsymmetric, debonding],
+)
 def test_both_ways_agree(made: Callable[[], ProblemFunction]) -> None:
     function = made()
     x = function.nominal

@@ -224,3 +224,29 @@ def test_agreement_of_chains() -> None:
     apart = values + np.array([[0.0], [0.0], [0.0], [3.0]])
     assert chains.agreement(apart)[0] > 1.3 and chains.agreement(apart)[1] < 50.0
     assert chains.agreement(np.ones((4, 100))) == (np.inf, 1.0)
+
+
+def test_germs_of_a_field_are_calibrated() -> None:
+    """A displacement that is all but linear in the germs: Laplace's deviations are those of the samples."""
+    scene = lf.Scene()
+    for level, name in enumerate(("base", "cover")):
+        part = geometry.box((20.0, 30.0, 10.0), (4, 4, 1), (0.0, 0.0, 10.0 * level), cell="hexahedron")
+        scene.substructure(name, part, lf.LinearElastic(YOUNG, 0.3), degree=1)
+    scene.fix("base:z0")
+    gap = lf.RandomField("g", mean=0.0, std=1e-4, length=8.0, modes=3)
+    scene.interface("joint", "base:z1", "cover:z0", lf.Contact(stiffness=1e4, gap=gap))
+    scene.interface("spring", "base:z1", "cover:z0", lf.Elastic(normal=1.0, tangential=5.0))
+    scene.force("cover:z1", (0.0, 0.0, -9000.0), name="press")
+    problem = lf.assemble(scene)
+    corner = lf.AtPoint(problem, "cover", (20.0, 30.0, 20.0), component="z")
+    function = problem.function(corner, options=TIGHT)
+    data, noise = function([0.5, 0.0, 0.0]), 2e-6
+    found = calibrate(problem, corner, data, noise, options=TIGHT)
+    assert isinstance(found, Posterior) and found.names == found.germs == ("g[0]", "g[1]", "g[2]")
+    slopes = function.gradient([0.0, 0.0, 0.0])[0] / noise
+    inverse = np.linalg.inv(np.eye(3) + np.outer(slopes, slopes))
+    for k, name in enumerate(found.names):
+        assert found.std(name) == pytest.approx(np.sqrt(inverse[k, k]), rel=0.1)
+        assert found.laplace[name] == pytest.approx(np.sqrt(inverse[k, k]), rel=0.02)
+    with pytest.raises(SceneError, match="is a germ of a random field"):
+        found.random()
