@@ -29,8 +29,8 @@ Leaf = tuple[str, str, bytes]
 
 SHORT, LONG = 1e-5, 1e-3
 """Steps relative to the largest number of a field. The short one and its double make a difference of the
-fourth order: a stress is small beside what one unknown adds to it. The long one has no rounding to speak of, and
-is taken where the reading is linear: where both agree to `SAME`, relative to the reading and its field."""
+fourth order: a stress is small beside what one unknown adds to it. The long one has no rounding to speak of,
+and is taken where the reading is linear: where both agree to `SAME`, relative to the reading and field."""
 SAME = 1e-9
 TRIED = 1e-3
 """Random changes that tell which groups of numbers are read at all."""
