@@ -41,6 +41,8 @@ FLAGGED = 1e-3
 """Second difference of the residuals along an input, relative to the first, above which there is one."""
 NEARER = 1e-10
 """Residual of the systems where there is a preconditioner: no rounding of differences is in its way."""
+MOST_SLOPES = 5e7
+"""Of all laws: each step by each step before it."""
 PROVEN = 1e-6
 """What the products of both ways may differ by, relative to them."""
 
@@ -50,7 +52,8 @@ def adjoint(
 ) -> tuple[Array, float] | None:
     """Derivatives (quantities, inputs) at a solved point, and the relative residual of the systems.
 
-    None where there is no adjoint: several ranks, a kink, a reading of too many numbers.
+    None where there is no adjoint: several ranks, a kink, a reading of too many numbers, a history of many
+    steps.
 
     Parameters
     ----------
@@ -58,6 +61,12 @@ def adjoint(
         (inputs,) of the difference quotients of laws and loads.
     """
     if solver.problem.comm is not None or not solver.total_rows or np.any(solver.weights <= 0.0):
+        return None
+    columns = solver.plan.amplitudes.shape[1]
+    rows = {name: len(solver.flexibility(name)) for name in solver.plan.active}
+    of_points = [rows[name] ** 2 / solver.problem.interfaces[name].num_points for name in rows]
+    if sum(of_points) * columns**2 > MOST_SLOPES:
+        _log.info("derivatives: no adjoint, the slopes of laws over %d steps are too many", columns)
         return None
     parameters = inputs.parameters(solver.plan, x[None])
     laws, amplitudes = laws_at(solver, solver.laws, parameters), amplitudes_at(solver.plan, parameters)

@@ -139,3 +139,11 @@ def test_where_there_is_no_adjoint_the_direct_way_is_taken() -> None:
     assert opening.derivatives(away, way="adjoint").way == "direct"
     with pytest.raises(lf.SceneError, match="unknown way 'backwards'"):
         opening.derivatives(away, way="backwards")  # type: ignore[arg-type]
+
+
+def test_long_histories_are_worked_out_directly(monkeypatch: pytest.MonkeyPatch) -> None:
+    function = history()
+    x = function.nominal
+    function(x)
+    monkeypatch.setattr("dolfinx_frontend.inference.adjoint.MOST_SLOPES", 100.0)
+    assert function.derivatives(x, way="adjoint").way == "direct"
