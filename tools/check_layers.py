@@ -191,6 +191,9 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "inference": (
         "inputs",
         "points",
+        "system",
+        "readings",
+        "adjoint",
         "gradients",
         "events",
         "journal",
@@ -205,6 +208,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "limit",
         "reliability",
         "posterior",
+        "chains",
         "calibration",
     ),
     "solving": (),

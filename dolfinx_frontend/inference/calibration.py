@@ -18,11 +18,13 @@ from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_seed, checked_whole
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.inference.chains import Chains, walked
 from dolfinx_frontend.inference.function import ProblemFunction, check_handed_on, problem_function
 from dolfinx_frontend.inference.posterior import Data, Model, covariance_of, modes_of, weighted
 from dolfinx_frontend.plan.plan import check_problem
 from dolfinx_frontend.uncertainty.correlated import Correlated
-from dolfinx_frontend.uncertainty.parameters import FromDistribution, RandomParameter
+from dolfinx_frontend.uncertainty.fitting import openturns
+from dolfinx_frontend.uncertainty.parameters import FromDistribution, Normal, RandomParameter
 from dolfinx_frontend.uncertainty.quantities import Estimate
 
 __all__ = ["Direction", "Fit", "Posterior", "calibrate"]
@@ -35,6 +37,8 @@ MOVED = 1.0
 """Deviations of the prior by which a direction that the data say little of may move."""
 NOISY = 0.1
 """Error of a solve over the noise above which it is said."""
+AGREED = 1.05
+"""R-hat above which chains do not agree."""
 UNIT = 1.5
 """Data that are 1000 times the prediction but for this factor look like a wrong unit."""
 
@@ -104,7 +108,7 @@ class Posterior:
     Attributes
     ----------
     names
-        Random numbers.
+        Random numbers, and germs of random fields, ``"field[0]"``, which are standard normal before.
     samples, weights
         (n, numbers) values, and (n,) their probabilities, of sum 1.
     likeliest
@@ -114,7 +118,7 @@ class Posterior:
     effective
         Independent samples that are worth as much as the weighted ones.
     evidence
-        Logarithm of the probability density of the data under the prior: it compares models.
+        Logarithm of the probability density of the data under the prior: it compares models; NaN of chains.
     misfit
         Root mean square of the residuals at the likeliest point, in deviations of the noise.
     directions
@@ -123,6 +127,13 @@ class Posterior:
         Random number -> value at the other points at which the density has a maximum that counts.
     runs, gradients, seconds
         Points that were solved, derivatives, wall time.
+    acceptance
+        Of Markov chains: the share of the steps of each that were accepted.
+    rhat
+        Of Markov chains: random number -> how much further apart they are together than each by itself; 1:
+        they agree.
+    germs
+        Those of the names that are germs of random fields.
     """
 
     names: tuple[str, ...]
@@ -139,6 +150,9 @@ class Posterior:
     seconds: float
     priors: Mapping[str, Any] = field(default_factory=dict)
     modes: tuple[Mapping[str, float], ...] = ()
+    acceptance: tuple[float, ...] = ()
+    rhat: Mapping[str, float] = field(default_factory=dict)
+    germs: tuple[str, ...] = ()
 
     @property
     def unseen(self) -> tuple[Direction, ...]:
@@ -180,7 +194,19 @@ class Posterior:
         return np.asarray(block / np.outer(size, size))
 
     def random(self) -> dict[str, RandomParameter]:
-        """The posterior as random numbers of the next scene: distributions, joined by a normal copula."""
+        """The posterior as random numbers of the next scene: distributions, joined by a normal copula.
+
+        Raises
+        ------
+        SceneError
+            There are germs of random fields in it, which no other scene takes one by one.
+        """
+        germs = [name for name in self.names if name in self.germs]
+        if germs:
+            raise SceneError(
+                f"posterior: {germs[0]} is a germ of a random field and no random number of another scene; "
+                "take the samples, e.g. as points of problem.function"
+            )
         laws = {name: _Smoothed(self._column(name), self.weights) for name in self.names}
         single = {name: FromDistribution(name, law, germ="normal") for name, law in laws.items()}
         if len(single) == 1:
@@ -200,6 +226,10 @@ class Posterior:
             f"{self.misfit:.3g} deviations of the noise; {self.runs} solves, {self.gradients} gradients, "
             f"{self.seconds:.2f} s"
         ]
+        if self.acceptance:
+            shares = ", ".join(f"{100.0 * each:.0f} %" for each in self.acceptance)
+            worst = max(self.rhat.values())
+            lines.append(f"  {len(self.acceptance)} chains: {shares} of steps accepted, R-hat {worst:.4f}")
         for name in self.names:
             low, high = self.quantile(name, 0.025), self.quantile(name, 0.975)
             before = self.priors.get(name)
@@ -285,7 +315,7 @@ def calibrate(
     quantities: Any,
     data: npt.ArrayLike,
     noise: Any,
-    method: Literal["bayes", "least squares"] = "bayes",
+    method: Literal["bayes", "mcmc", "least squares"] = "bayes",
     *,
     inputs: Sequence[str] | str | None = None,
     samples: int = 2048,
@@ -306,12 +336,14 @@ def calibrate(
     method
         ``"bayes"``: the random numbers of the problem are the prior. The maximum of the posterior by
         Gauss-Newton with derivatives, a normal distribution there (Laplace), and weighted samples of the
-        posterior itself. ``"least squares"``: no prior; `inputs` may be parameters of laws, loads and parts
-        as well.
+        posterior itself. ``"mcmc"``: the same, with Markov chains in place of weighted samples (random walk
+        of OpenTURNS on the assembly, four chains from different starts). ``"least squares"``: no prior;
+        `inputs` may be parameters of laws, loads and parts as well.
     inputs
         What is fitted; None: all that is random.
     samples
-        Of the posterior, a power of two; each is a solve.
+        Of the posterior, a power of two; each is a solve. Of chains, of all together; they have as many
+        solves and a quarter more.
     seed
         Of the random numbers.
     settings
@@ -327,18 +359,20 @@ def calibrate(
     Warns
     -----
     SceneWarning
-        Weighted samples that are worth few independent ones.
+        Samples that are worth few independent ones, chains that do not agree.
     """
     where = "calibrate"
     check_problem(where, problem)
-    check_known("method", method, ("bayes", "least squares"), where)
+    check_known("method", method, ("bayes", "mcmc", "least squares"), where)
     check_handed_on(where, settings)
     checked_whole(where, "samples", samples, 64)
     if samples & (samples - 1):
         near = 2 ** samples.bit_length()
         raise SceneError(f"{where}: samples = {samples}: give a power of two, e.g. {near}")
     generator = np.random.default_rng(checked_seed(where, seed))
-    bayes = method == "bayes"
+    bayes = method != "least squares"
+    if method == "mcmc":
+        openturns()  # before any work
     function = problem_function(
         problem,
         quantities,
@@ -355,7 +389,9 @@ def calibrate(
         )
     try:
         known = Data.of(function.outputs, data, noise)
-        return _bayes(function, known, samples, generator) if bayes else _least_squares(function, known)
+        if not bayes:
+            return _least_squares(function, known)
+        return _bayes(function, known, samples, generator, method == "mcmc")
     finally:
         function.close()
 
@@ -434,7 +470,9 @@ def _told(predicted: Array, means: Array, of: str) -> str:
     return f": the data are {shown}, {of} give {given}"
 
 
-def _bayes(function: ProblemFunction, data: Data, count: int, generator: np.random.Generator) -> Posterior:
+def _bayes(
+    function: ProblemFunction, data: Data, count: int, generator: np.random.Generator, chained: bool
+) -> Posterior:
     began = perf_counter()
     dimension = function.dimension
     model = Model(function, data, np.ones(dimension), np.zeros(dimension))
@@ -456,22 +494,52 @@ def _bayes(function: ProblemFunction, data: Data, count: int, generator: np.rand
     _check_errors(function, data, u)
     inverse = covariance_of(jacobian)
     peaks = [(each, covariance_of(slopes)) for each, _, slopes in modes]
-    scores, weights, evidence = weighted(model, peaks, count, generator)
+    chains: Chains | None = None
+    scores: Array
+    weights: Array
+    if chained:
+        chains = walked(model.log_density, peaks, count, generator)
+        scores, evidence = chains.scores.reshape(-1, dimension), math.nan
+        weights = np.full(len(scores), 1.0 / len(scores))
+    else:
+        scores, weights, evidence = weighted(model, peaks, count, generator)
     effective = float(1.0 / np.sum(weights**2))
-    if effective < 50.0:
-        warn(
-            f"calibrate: {len(weights)} weighted samples are worth {effective:.0f} independent ones: raise "
-            "samples=",
-            SceneWarning,
-        )
-    values = function._inputs.values(scores)
     chosen = {germ for germ in function.inputs}
     space = function._inputs.random.space
-    names = [
-        n for n in values if chosen & {space.germ_names[c] for c in space.columns(space._sources[n])}
-    ]
+    known = set(function._inputs.values(scores[:1]))
+    of_fields = [
+        germ
+        for source in space.names if source not in known
+        for column in space.columns(space._sources[source]) if (germ := space.germ_names[column]) in chosen
+    ]  # fmt: skip
+
+    def numbers(u: Array) -> dict[str, Array]:
+        """Random numbers and germs of fields at scores (N, L), (N,) each."""
+        own = {germ: np.asarray(u[:, function.inputs.index(germ)]) for germ in of_fields}
+        return {**function._inputs.values(u), **own}
+
+    values = numbers(scores)
+    names = [n for n in known if chosen & {space.germ_names[c] for c in space.columns(space._sources[n])}]
+    names = [n for n in values if n in names or n in of_fields]
+    rhat: dict[str, float] = {}
+    if chains is not None:
+        for name in names:
+            rhat[name], own = chains.agreement(values[name].reshape(chains.scores.shape[:2]))
+            effective = min(effective, own)
+        if max(rhat.values()) > AGREED:
+            warn(
+                f"calibrate: the chains do not agree (R-hat {max(rhat.values()):.3f}): raise samples=, or "
+                "use method='bayes'",
+                SceneWarning,
+            )
+    if effective < 50.0:
+        kind = "samples of chains" if chains is not None else "weighted samples"
+        warn(
+            f"calibrate: {len(weights)} {kind} are worth {effective:.0f} independent ones: raise samples=",
+            SceneWarning,
+        )
     away = 1e-4 * np.eye(dimension)
-    around = function._inputs.values(np.vstack([u, u + away, u - away]))
+    around = numbers(np.vstack([u, u + away, u - away]))
     laplace = {}
     for name in names:
         slope = (around[name][1 : dimension + 1] - around[name][dimension + 1 :]) / 2e-4
@@ -489,11 +557,14 @@ def _bayes(function: ProblemFunction, data: Data, count: int, generator: np.rand
         function.solves,
         model.gradients,
         perf_counter() - began,
-        {name: space._sources[name] for name in names},
+        {name: Normal(name, 0.0, std=1.0) if name in of_fields else space._sources[name] for name in names},
         tuple(
-            {name: float(function._inputs.values(each[None])[name][0]) for name in names}
+            {name: float(numbers(each[None])[name][0]) for name in names}
             for each, _, _ in modes[1:]
         ),
+        () if chains is None else tuple(float(each) for each in chains.acceptance),
+        rhat,
+        tuple(of_fields),
     )
 
 

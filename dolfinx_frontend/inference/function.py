@@ -26,7 +26,7 @@ from dolfinx_frontend.common.checks import check_known, checked_name
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.formats.openturns import function_of
 from dolfinx_frontend.inference.events import Response, response
-from dolfinx_frontend.inference.gradients import Derivatives, derivatives
+from dolfinx_frontend.inference.gradients import Derivatives, Way, derivatives
 from dolfinx_frontend.inference.inputs import Coordinates, Inputs
 from dolfinx_frontend.inference.journal import BATCH, Journal, Solved, facts_of, settle
 from dolfinx_frontend.inference.points import answer_of, part_of
@@ -52,6 +52,9 @@ KEPT = 128
 KEPT_BYTES = 2e8
 NEAREST = 24
 """Of these that a call with few points is started from."""
+
+LOOSE = 1e-4
+"""Relative residual of the systems of derivatives that is told."""
 
 Failure = Literal["nan", "raise"]
 
@@ -406,12 +409,26 @@ class ProblemFunction:
         if told:
             more = f" and {len(told) - 3} more" if len(told) > 3 else ""
             warn(f"function: no derivative at a kink: {', '.join(told[:3])}{more}", KinkWarning)
-        values = np.array([each.values for each in found])
+        loose = max((each.residual for each in found), default=0.0)
+        if loose > LOOSE:
+            warn(
+                f"function: derivatives are not better than their linear systems, which leave {loose:.1e} of "
+                "their right-hand sides",
+                SceneWarning,
+            )
+        values = np.array([each.values for each in found]).reshape(-1, len(self.outputs), self.dimension)
         return values if np.ndim(x) > 1 else np.asarray(values[0])
 
-    def derivatives(self, x: npt.ArrayLike) -> Derivatives:
+    def derivatives(self, x: npt.ArrayLike, way: Way | None = None) -> Derivatives:
         """Derivatives at one point (inputs,), with the inputs along which there is a kink; never warns of
         these.
+
+        Parameters
+        ----------
+        way
+            ``"direct"``: a linear system for each input, ``"adjoint"``: one for each quantity; None: what has
+            fewer. At kinks, over several ranks and for readings of very many numbers there is no adjoint, and
+            ``way`` of what is returned says so.
 
         Raises
         ------
@@ -419,28 +436,31 @@ class ProblemFunction:
             The point does not converge.
         """
         point = self._inputs.checked(x)
+        if way is not None:
+            check_known("way", way, ("direct", "adjoint"), "function")
         if len(point) != 1:
             raise SceneError(f"function: derivatives of {len(point)} points; give one, (inputs,)")
         found = self.evaluate(point)  # also where the file has the derivatives: the same starts follow
         if not found.converged[0]:
             raise SceneError(self._told(found, [0], 1))
         if self._ranks is None:
-            return self._derivatives(point[0])
+            return self._derivatives(point[0], way)
         result = None
         with agreed_over(self._ranks):  # the last digits of all that follows are those of one rank
             if self._ranks.first:
-                result = self._derivatives(point[0])
+                result = self._derivatives(point[0], way)
         said: Derivatives = self._ranks.told(result)
         return said
 
-    def _derivatives(self, point: Array) -> Derivatives:
-        if self._journal is not None and (written := self._journal.slopes(point)) is not None:
+    def _derivatives(self, point: Array, way: Way | None) -> Derivatives:
+        if self._journal is not None and way is None and (written := self._journal.slopes(point)) is not None:
             return written
         began = perf_counter()
         known = self._known[point.tobytes()]
-        result = derivatives(self.solver, self._inputs, point, known.state, self._read)
+        count = len(self.outputs)
+        result = derivatives(self.solver, self._inputs, point, known.state, self._read, count, way)
         self.seconds += perf_counter() - began
-        if self._journal is not None:
+        if self._journal is not None and way is None:
             self._journal.add_slopes(point, result)
         return result
 

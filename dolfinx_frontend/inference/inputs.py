@@ -11,7 +11,7 @@ import numpy.typing as npt
 from latin_core import SweptParameter
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_names
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.plan import Plan, check_keeps, make_plan
@@ -212,6 +212,17 @@ class Inputs:
         if self.random.every:
             found += sampled_values(self.random, plan, self.germ_points(x))
         return found
+
+    def around(self, x: Array, which: Sequence[int] | Ints, steps: Array) -> tuple[Array, Array]:
+        """Neighbours (2 * which, inputs) of a point along some inputs, those above first; half their
+        distances."""
+        numbers: Ints = np.asarray(which, dtype=np.int64)
+        rows = np.arange(len(numbers))
+        ends = np.repeat(x[None, None], 2, axis=0).repeat(len(numbers), axis=1)
+        ends[0, rows, numbers] += steps[numbers]
+        ends[1, rows, numbers] -= steps[numbers]
+        # as they are in the end
+        return np.concatenate(list(ends)), 0.5 * (ends[0] - ends[1])[rows, numbers]
 
     def steps(self, x: Array) -> Array:
         """Steps (inputs,) of difference quotients at a point (inputs,)."""

@@ -19,7 +19,8 @@ from latin_core import Checkpoint, CheckpointError
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.inference.events import Response
-from dolfinx_frontend.inference.gradients import Derivatives, laws_at_sets
+from dolfinx_frontend.inference.gradients import Derivatives
+from dolfinx_frontend.inference.system import laws_at_sets
 from dolfinx_frontend.inference.inputs import Inputs
 from dolfinx_frontend.kernel.fingerprint import Facts, fingerprint
 from dolfinx_frontend.kernel.solver import Solver

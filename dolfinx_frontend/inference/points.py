@@ -16,12 +16,17 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.acting import STIFFNESS, factors_of, with_loads
 from dolfinx_frontend.results.sweep import SweepResult
 
-__all__ = ["amplitudes_at", "answer_at", "answer_of", "laws_at", "part_of", "states_at"]
+__all__ = ["amplitudes_at", "answer_at", "answer_of", "is_field", "laws_at", "part_of", "states_at"]
 
 
 def part_of(parameters: Sequence[SweptParameter], points: slice) -> list[SweptParameter]:
     """The parameters at some of the points."""
     return [replace(each, values=each.values[:, points]) for each in parameters]
+
+
+def is_field(parameter: SweptParameter) -> bool:
+    """Whether it is a stiffness with a factor in each cell."""
+    return parameter.parameter == STIFFNESS and len(parameter.values) > 1
 
 
 def laws_at(solver: Solver, laws: Laws, parameters: Sequence[SweptParameter]) -> Laws:

@@ -107,6 +107,10 @@ class Model:
     def residuals(self, t: Array) -> Array:
         return self.data.residuals(self.function(self.origin + self.scale * t))
 
+    def log_density(self, t: Array) -> float:
+        """Of standard normal scores (L,), up to a constant."""
+        return -0.5 * float(t @ t + np.sum(self.residuals(t) ** 2))
+
     def slopes(self, t: Array) -> Array:
         self.gradients += 1
         found = self.function.derivatives(self.origin + self.scale * t).values * self.scale

@@ -254,6 +254,14 @@ def _initial_stretch(
     return stretch.initial(problem.substructures[part], load.stresses[pattern.parameter])
 
 
+def initial_stretches(problem: Problem, plan: Plan, part: str) -> Array:
+    """Those (rows, l) of all load patterns of a plan."""
+    patterns = [*plan.patterns, *plan.loads]
+    if not patterns:
+        return np.zeros((problem.stretch(part).matrix.shape[0], 0))
+    return _side_by_side(_initial_stretch(problem, part, each, plan.loads) for each in patterns)
+
+
 def _made_body(body: Values) -> _core.Body:
     members = [_core.Member(**each) for each in body["members"]]
     springs = [_core.Spring(**each) for each in body["springs"]]

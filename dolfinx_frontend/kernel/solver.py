@@ -327,8 +327,8 @@ class Solver:
         """Residual (rows, columns) of the laws: what the next data differ by."""
         return self._core.local_stage(laws, data, traces)
 
-    def linearised(self, laws: Laws, state: State) -> Linearised:
-        """The structure with the tangents of its laws at a state, factorised.
+    def linearised(self, laws: Laws, state: State, transposed: bool = False) -> Linearised:
+        """The structure with the tangents of its laws at a state, factorised; transposed, for adjoints.
 
         Raises
         ------
@@ -336,4 +336,4 @@ class Solver:
             It is not stable with them, or they would cost more than the bodies did.
         """
         self._check_whole("a derivative")
-        return self._core.linearised(laws, state)
+        return self._core.linearised(laws, state, transposed)

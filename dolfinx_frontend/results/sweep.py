@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
@@ -154,15 +154,7 @@ class PointResults(Face):
 
     def _block(self, part: slice) -> Block:
         """Some of the points."""
-
-        @cache  # recovered for all parts at once, when first asked for
-        def recovered() -> dict[str, Array]:
-            return self._recovered(part)
-
-        def displacement(name: str, unknowns: Ints | None) -> Array:
-            self._check_part(name)
-            u = recovered()[name]
-            return u if unknowns is None else u[..., unknowns]
+        displacement = self._displacements(part)
 
         def both(name: str) -> tuple[Array, Array]:
             self._check_interface(name)
@@ -173,6 +165,20 @@ class PointResults(Face):
         count = len(range(*part.indices(len(self.points.status))))
         load = partial(load_factors, self.problem, self.times, of=partial(self._load_at, part=part))
         return Block(count, both, displacement, lambda name: self._contact_at(name, part), _load=load)
+
+    def _displacements(self, part: slice) -> Callable[[str, Ints | None], Array]:
+        """Part and some of its unknowns -> these (n, [T,] unknowns) at some of the points."""
+
+        @cache  # recovered for all parts at once, when first asked for
+        def recovered() -> dict[str, Array]:
+            return self._recovered(part)
+
+        def displacement(name: str, unknowns: Ints | None) -> Array:
+            self._check_part(name)
+            u = recovered()[name]
+            return u if unknowns is None else u[..., unknowns]
+
+        return displacement
 
     def _swept_loads(self) -> Sequence[SweptParameter]:
         """Loads of parts that differ from point to point, as the kernel had them."""

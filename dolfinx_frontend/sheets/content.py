@@ -26,6 +26,8 @@ __all__ = ["Content", "Row", "Wanted", "content_of", "margins_of", "status_line"
 TEN = 10.0
 """A margin is 0 up to so many errors of the iteration."""
 LEAST = 1e-6
+AT_END = ("F_S", "F_S min", "F_S max", "F_SA", "F_KR")
+"""Forces that the load of the last step makes, or so it is assumed for their errors."""
 FORCES = ("F_M", "F_V", "F_S", "F_S min", "F_S max")
 MODES = {"m_K": "opening", "m_G": "slip"}
 
@@ -58,6 +60,8 @@ class Row:
         Of a margin: that it is used up.
     at
         Where: angle of a ring, points of a sweep.
+    goal
+        Whether the error of the meshes is that of the bolt force itself, not that in the energy norm.
     """
 
     section: str
@@ -69,6 +73,13 @@ class Row:
     mesh: dict[str, float]
     probability: Estimate | None = None
     at: str = ""
+    goal: bool = False
+
+    def mesh_of(self, statistic: str) -> str:
+        """What the error of the meshes was estimated of: ``"energy"``, ``"goal"``, or ``""``: not known."""
+        if not np.isfinite(self.mesh[statistic]):
+            return ""
+        return "goal" if self.goal and statistic != "std" else "energy"
 
     @property
     def main(self) -> str:
@@ -123,17 +134,18 @@ class Content:
         """All numbers, one a line."""
         names = (
             "section", "name", "key", "symbol", "quantity", "unit", "statistic", "value", "error_algebra",
-            "error_mesh", "at",
+            "error_mesh", "error_mesh_of", "at",
         )  # fmt: skip
         columns: dict[str, list[Any]] = {n: [] for n in names}
         for row in self.rows:
-            lines = [(s, v, row.algebra[s], row.mesh[s]) for s, v in row.statistics.items()]
+            of = {s: row.mesh_of(s) for s in row.statistics}
+            lines = [(s, v, row.algebra[s], row.mesh[s], of[s]) for s, v in row.statistics.items()]
             if row.probability is not None:
                 p, nan = row.probability, float("nan")
                 lines += [
-                    ("P(used up)", p.value, nan, nan),
-                    ("P(used up), low", p.low, nan, nan),
-                    ("P(used up), high", p.high, nan, nan),
+                    ("P(used up)", p.value, nan, nan, ""),
+                    ("P(used up), low", p.low, nan, nan, ""),
+                    ("P(used up), high", p.high, nan, nan, ""),
                 ]
             unit = self.wanted.units[row.name.of]
             for statistic, *values in lines:
@@ -247,13 +259,26 @@ class _Rows:
                 better = self._statistics(tight[key])
                 algebra = {s: _apart(v, better[s]) for s, v in found.items()}
             mesh = {s: self._size(key, v - given.get(s, 0.0), self.known.mesh) for s, v in found.items()}
+            by_itself = self._of_goal(item, key) if section == "bolt" else None
+            if by_itself is not None:
+                mesh = {s: each if s == "std" else by_itself for s, each in mesh.items()}
             chance = None
             if key in MARGINS:
                 chance = below(values[key], self.answer.statistics, self.limit)
             at = self._places(values[key])
             if not at and self._ring(item) and np.isfinite((angles or {}).get(key, np.nan)):
                 at = f"{(angles or {})[key]:.0f}°"
-            yield Row(section, item, key, name, found, algebra, mesh, chance, at)
+            yield Row(section, item, key, name, found, algebra, mesh, chance, at, by_itself is not None)
+
+    def _of_goal(self, item: str, key: str) -> float | None:
+        """Error of a number that is a force at the end, or made of it; None: not known."""
+        error = self.known.goals.get(item)
+        if error is None or key not in (*AT_END, "sigma_a"):
+            return None
+        if key != "sigma_a":
+            return error
+        bolt = next(each for each in self.wanted.bolts if each.name == item)
+        return 0.5 * error / self.wanted.areas.get(item, bolt.area)
 
     def _prescribed(self, item: str, key: str, values: Mapping[str, Array]) -> dict[str, float]:
         """What of a bolt force is given by the scene, and no mesh can change."""

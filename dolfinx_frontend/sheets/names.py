@@ -49,6 +49,7 @@ BOLT: Mapping[str, Name] = {
     "S_G": Name("S_G", "", "safety against slip: friction over shear, the lowest"),
     "open": Name("A_o/A", "", "share of the joint without pressure: the largest"),
     "sigma_a": Name("σ_a", "stress", "stress amplitude, axial: (F_S max - F_S min) / (2 A_S)"),
+    "sigma_ab": Name("σ_ab", "stress", "stress amplitude of bending: half the largest change of M_b / W"),
 }
 
 SEAL: Mapping[str, Name] = {

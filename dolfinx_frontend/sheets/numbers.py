@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.results.answer import Answer, Block, chunks, stepped
+from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.saved import ResultFileError
 from dolfinx_frontend.sheets.clamping import Bolt
@@ -18,6 +18,8 @@ __all__ = ["Numbers", "margins_in", "numbers_of", "steps_of"]
 
 NOTHING = 1e-6
 """A shear or clamping force below this share of the largest is none."""
+ROUND = 0.15
+"""What the second moments of a section may differ from those of a circle: cells have straight edges."""
 LITTLE = 0.01
 """An axial load below this share of the bolt force has no load factor."""
 
@@ -96,7 +98,19 @@ def numbers_of(
         force: Array = np.atleast_1d(normal) if answer.statistics != "value" else np.asarray(normal)[None]
         force = force if answer.times is not None else force[:, None]
         found.forces[bolt.name] = force
-        own = _of_force(force, steps, bolt.name, areas.get(bolt.name, bolt.area))
+        area = areas.get(bolt.name, bolt.area)
+        own = _of_force(force, steps, bolt.name, area)
+        if "sigma_a" in own:
+            surface = answer.surface(bolt.interface)
+            if _is_round(surface, bolt.axis):
+                moments = read.interfaces[bolt.interface].values
+                own["sigma_ab"] = _bending(moments, bolt.axis, force.shape, steps, area)
+            else:
+                why = (
+                    "σ_ab: the moment of a bolt is known where its section is modelled as a full circle; σ_a "
+                    "has no bending"
+                )
+                found.why.setdefault(why, []).append(bolt.name)
         _of_joint(own, found, bolt, joints.get(bolt.name, {}), force, steps)
         found.values[bolt.name] = own
     return found
@@ -123,6 +137,37 @@ def _of_force(
         if np.isfinite(area):
             found["sigma_a"] = np.asarray((found["F_S max"] - found["F_S min"]) / (2.0 * area))
     return found
+
+
+def _is_round(surface: Surface, axis: Array) -> bool:
+    """Whether a section has the second moments of a circle of its area: no half, no ring, and no beam."""
+    if surface.wrench is not None or surface.dim != 3 or len(surface.points) < 3:
+        return False
+    away = surface.points - surface.centre
+    away = away - np.outer(away @ axis, axis)
+    moments = np.linalg.eigvalsh(away.T @ (surface.weights[:, None] * away))[1:]
+    circle = surface.area**2 / (4.0 * np.pi)
+    return bool(np.all(np.abs(moments / circle - 1.0) < ROUND))
+
+
+def _bending(
+    values: Mapping[str, Array],
+    axis: Array,
+    shape: tuple[int, ...],
+    steps: tuple[int, dict[str, int]] | None,
+    area: float,
+) -> Array:
+    """Stress amplitude (N,) of the bending moment about the centroid of a section, of a round bar."""
+    moment = np.stack([np.reshape(values[f"moment_{a}"], shape) for a in "xyz"], axis=-1)
+    moment = moment - (moment @ axis)[..., None] * axis
+    after = moment[:, (0 if steps is None else steps[0]) :]
+    # the largest distance of two steps: the stress of one fibre goes from one end to the other
+    apart = np.zeros(len(after))
+    for k in range(after.shape[1]):
+        away = np.linalg.norm(after[:, k + 1 :] - after[:, [k]], axis=2)
+        apart = np.maximum(apart, away.max(axis=1, initial=0.0))
+    modulus = area**1.5 / (4.0 * np.sqrt(np.pi))  # pi d^3 / 32 with area = pi d^2 / 4
+    return np.asarray(0.5 * apart / modulus)
 
 
 def _of_joint(

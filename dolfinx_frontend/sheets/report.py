@@ -43,7 +43,7 @@ from dolfinx_frontend.sheets.statistics import errors_known, label
 
 __all__ = ["Report", "report"]
 
-RANKED = ("margin", "m_K", "m_G", "F_V", "F_S max", "F_S", "F_KR", "Phi", "sigma_a")
+RANKED = ("margin", "m_K", "m_G", "F_V", "F_S max", "F_S", "F_KR", "Phi", "sigma_a", "sigma_ab")
 """Columns of the first table; beside the highest bolt force stands the lowest."""
 ZERO = 1e-8
 """What is shown as 0, relative to the largest number of its kind."""
@@ -202,7 +202,9 @@ def report(
         Probabilities, where the answer is random.
     errors
         True: the iteration is carried on to a tenth of its error, and the error of the meshes is estimated,
-        where that is possible; False: neither; or the :class:`Errors` of another answer on these meshes.
+        where that is possible; ``"goal"``: as True, and the error of the meshes of the force of every bolt
+        that has a joint for itself by a dual problem, one or two more solves for each; False: neither; or
+        the :class:`Errors` of another answer on these meshes.
     pictures, renderer
         Whether there are any, and what draws solids, see :func:`dolfinx_frontend.figures.assembly_figure`.
     samples, seed
@@ -238,8 +240,8 @@ def report(
         samples,
         seed,
     )
-    known = errors_known(result, errors)
-    content = content_of(result, wanted, known, errors is True)
+    known = errors_known(result, errors, found)
+    content = content_of(result, wanted, known, errors is True or errors == "goal")
     images = _pictures(content, renderer) if pictures else []
     sheet = html.page(title, _sections(content, title, images))
     made = Report(
@@ -482,8 +484,8 @@ def _reading(content: Content) -> Iterator[str]:
     if "F_KR" in bolts:
         yield (
             "A joint that several bolts clamp is divided among them: each has the points nearest to its "
-            "axis. Forces are those of the model: half a bolt has half the force. Stresses are axial, "
-            "bending is not in them."
+            "axis. Forces are those of the model: half a bolt has half the force. σ<sub>a</sub> is axial, "
+            "σ<sub>ab</sub> the bending of a round bar of the stress area; there is none of beams."
         )
     if {"m_K", "m_G"} & bolts:
         yield (
@@ -508,6 +510,12 @@ def _reading(content: Content) -> Iterator[str]:
         "of the number itself), of the meshes: the relative error in the energy norm times the number, of a "
         f"bolt force times what is not prescribed of it ({escape(how.mesh_how)}): an indication and no bound."
     )
+    if how.goals:
+        yield (
+            "Errors of the meshes of F<sub>S</sub>, F<sub>SA</sub>, F<sub>KR</sub> and σ<sub>a</sub> of "
+            f"{escape(', '.join(how.goals))}: dual weighted residuals of the force at the end, of a preload "
+            "that of the joint, which differs from it by the load."
+        )
 
 
 # --- as text ---------------------------------------------------------------------------------------

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.answer import Answer
 from dolfinx_frontend.results.errors import Errors
-from dolfinx_frontend.results.resultant import Interest
+from dolfinx_frontend.results.resultant import Interest, Resultant
+from dolfinx_frontend.sheets.clamping import Bolt
 from dolfinx_frontend.uncertainty.quantities import Estimate, Kind, Quantity
 
 __all__ = ["Known", "below", "errors_known", "label", "statistics_of", "tightened"]
@@ -69,22 +70,27 @@ class Known:
         Relative, in the energy norm; NaN: not known.
     algebra_how, mesh_how
         How, or why not.
+    goals
+        Bolt -> error of its force at the end by the meshes, absolute, of bolts of which it was estimated for
+        the force itself (dual weighted residuals).
     """
 
     algebra: float
     algebra_how: str
     mesh: float
     mesh_how: str
+    goals: Mapping[str, float] = field(default_factory=dict)
 
 
-def errors_known(answer: Answer, given: Any) -> Known:
+def errors_known(answer: Answer, given: Any, bolts: Sequence[Bolt]) -> Known:
     """The errors of an answer.
 
     Parameters
     ----------
     given
         True: the error of the meshes is estimated where that is possible; False: nothing is computed; or
-        :class:`Errors` that were measured before, e.g. those of a solve at the means.
+        :class:`Errors` that were measured before, e.g. those of a solve at the means; or ``"goal"``: as True,
+        and that of each bolt force by a dual problem of its own.
     """
     every: Any = answer
     algebra = largest_of(np.atleast_1d(np.asarray(every.error, dtype=np.float64)))
@@ -94,8 +100,9 @@ def errors_known(answer: Answer, given: Any) -> Known:
         if mesh is None or not np.isfinite(given.relative("discretisation")):
             return Known(algebra, how, float("nan"), "not in the errors that were given")
         return Known(algebra, how, given.relative("discretisation"), f"given: {mesh.how}")
-    if not isinstance(given, (bool, np.bool_)):
-        raise SceneError("report: errors: give True, False, or what errors(...) of a result returned")
+    goal = isinstance(given, str) and given == "goal"
+    if not goal and not isinstance(given, (bool, np.bool_)):
+        raise SceneError("report: errors: give True, False, 'goal', or what errors(...) of a result returned")
     if not given:
         return Known(algebra, how, float("nan"), "not asked for")
     whole: Interest = None
@@ -103,7 +110,32 @@ def errors_known(answer: Answer, given: Any) -> Known:
         found = discretisation_error(answer, whole)  # type: ignore[arg-type]
     except SceneError as error:
         return Known(algebra, how, float("nan"), str(error).partition("\n")[0])
-    return Known(algebra, how, found.energy, "recovered stresses, energy norm")
+    how_of_meshes = "recovered stresses, energy norm"
+    goals, why = _goals(answer, bolts) if goal else ({}, "")
+    return Known(algebra, how, found.energy, how_of_meshes + why, goals)
+
+
+def _goals(answer: Answer, bolts: Sequence[Bolt]) -> tuple[dict[str, float], str]:
+    """Errors of the forces of bolts at the end, and why those of others are not known.
+
+    A preload has no dual problem: where a bolt has a joint for itself, it is that of the joint, from which
+    its own force differs by the load, which has no error.
+    """
+    found: dict[str, float] = {}
+    why = ""
+    for bolt in bolts:
+        own = [name for name, share in bolt.joints.items() if np.all(share == 1.0)]
+        several = [bolt.interface, *(own if len(own) == len(bolt.joints) == 1 else [])]
+        for interface in several:
+            try:
+                one = discretisation_error(answer, Resultant(interface))  # type: ignore[arg-type]
+            except SceneError as error:
+                why = f"; of {bolt.name} alone: {str(error).partition(chr(10))[0]}"
+                continue
+            assert one.quantity is not None  # one was asked for
+            found[bolt.name] = one.quantity + one.unseen
+            break
+    return found, why if len(found) < len(bolts) else ""
 
 
 def tightened(answer: Answer) -> Any:

@@ -165,6 +165,11 @@ force, jump
 constexpr const char* linearised_doc =
     R"doc(The structure with the tangents of its laws at a state, factorised.
 
+Parameters
+----------
+transposed
+    Tangents of every point transposed, for adjoint systems.
+
 Raises
 ------
 NumericalError
@@ -393,7 +398,13 @@ LocalFields samples(const Structure& structure, const Laws& laws, const std::str
 /// The structure with the tangents that its laws have at a state. What it was made from lives as long as it does.
 class Linearised {
  public:
-  Linearised(const Laws& laws, const State& state) : laws_(laws) { tangents_.take(laws_, state); }
+  Linearised(const Laws& laws, const State& state, bool transposed) : laws_(laws) {
+    if (transposed) {
+      tangents_.take_transposed(laws_, state);
+    } else {
+      tangents_.take(laws_, state);
+    }
+  }
   py::tuple correct(py::handle residual) const {
     latin::Matrix step = to_matrix(residual, "residual", laws_.structure().rows());
     if (step.cols() % columns_ != 0) {
@@ -419,14 +430,14 @@ class Linearised {
 };
 
 std::shared_ptr<Linearised> linearised(const Structure& structure, const Laws& laws,
-                                       const State& state) {
+                                       const State& state, bool transposed) {
   check_laws(structure, laws);
   check_state(structure, state, "state: it", any);
   if (!Tangent::possible(structure)) {
     throw latin::NumericalError("the tangent of this structure costs more than its bodies");
   }
   const py::gil_scoped_release release;
-  auto result = std::make_shared<Linearised>(laws, state);
+  auto result = std::make_shared<Linearised>(laws, state, transposed);
   result->of_columns(state.data.cols());
   return result;
 }
@@ -680,7 +691,7 @@ void bind_calls(StructureClass& cls) {
             return pair_of(samples(s, laws, interface, free_jump, parameters));
           },
           "laws"_a, "interface"_a, "free_jump"_a, "parameters"_a = py::none(), samples_doc)
-      .def("linearised", &linearised, "laws"_a, "state"_a, linearised_doc)
+      .def("linearised", &linearised, "laws"_a, "state"_a, "transposed"_a = false, linearised_doc)
       .def("displacements", &displacement_fields, "laws"_a, "state"_a, "amplitudes"_a = py::none(),
            "Displacements (n, columns) of every substructure of this rank, by its name.")
       .def("response_to", &response_to, "forces"_a,

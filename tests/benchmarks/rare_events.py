@@ -63,7 +63,7 @@ def measured(name: str, make: Callable[[], Conditions], truth: float, seeds: int
         limit = make()
         answer = chance(limit, "auto", np.random.default_rng(seed), cov=0.1, level=0.95, most=MOST)
         found = answer.found
-        held += found.low <= truth <= found.high
+        held += int(found.low <= truth <= found.high)
         ratios.append(found.value / truth)
         covs.append(found.cov)
         points.append(limit.points)

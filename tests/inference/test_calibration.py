@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy import stats
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import Fit, Posterior, SceneError, calibrate, geometry
+from dolfinx_frontend.inference.chains import Chains
 
 Array = npt.NDArray[np.float64]
 
@@ -190,3 +192,61 @@ def test_another_unit_is_said_even_where_it_fits() -> None:
         calibrate(problem, end(problem), [1000.0 * moved(50.0)], 1.0, "least squares", inputs=["pull.x"])
     with pytest.raises(SceneError, match="unknown setting 'sample'"):
         calibrate(problem, end(problem), DATA, NOISE, sample=4)
+
+
+@pytest.mark.skipif(find_spec("openturns") is None, reason="no OpenTURNS")
+def test_markov_chains() -> None:
+    """The closed form 47.1444 and 0.6412 within four standard errors of the effective samples."""
+    problem = bars(lf.LogNormal("k", 50.0, cov=0.3))
+    found = calibrate(problem, end(problem), DATA, NOISE, "mcmc", samples=512, seed=1, options=TIGHT)
+    assert isinstance(found, Posterior)
+    assert len(found.acceptance) == 4 and all(0.25 < each < 0.7 for each in found.acceptance)
+    assert found.rhat["k"] < 1.05 and 50.0 < found.effective < 512.0 and np.isnan(found.evidence)
+    error = 0.6412 / np.sqrt(found.effective)
+    assert abs(found.mean("k").value - 47.1444) < 4.0 * error
+    assert abs(found.std("k") - 0.6412) < 4.0 * error / np.sqrt(2.0)
+    assert "4 chains" in repr(found) and "R-hat" in repr(found)
+
+
+def test_agreement_of_chains() -> None:
+    """Of a first-order autoregression with factor r: (1 - r) / (1 + r) of the samples are independent."""
+    rng = np.random.default_rng(3)
+    r, count = 0.8, 20_000
+    noise = np.sqrt(1.0 - r * r) * rng.standard_normal((4, count))
+    values = np.zeros((4, count))
+    values[:, 0] = rng.standard_normal(4)
+    for k in range(1, count):
+        values[:, k] = r * values[:, k - 1] + noise[:, k]
+    chains = Chains(values[:, :, None], np.ones(4))
+    rhat, effective = chains.agreement(values)
+    assert rhat == pytest.approx(1.0, abs=2e-3)
+    assert effective == pytest.approx(4 * count * (1.0 - r) / (1.0 + r), rel=0.1)
+    apart = values + np.array([[0.0], [0.0], [0.0], [3.0]])
+    assert chains.agreement(apart)[0] > 1.3 and chains.agreement(apart)[1] < 50.0
+    assert chains.agreement(np.ones((4, 100))) == (np.inf, 1.0)
+
+
+def test_germs_of_a_field_are_calibrated() -> None:
+    """A displacement that is all but linear in the germs: Laplace's deviations are those of the samples."""
+    scene = lf.Scene()
+    for level, name in enumerate(("base", "cover")):
+        part = geometry.box((20.0, 30.0, 10.0), (4, 4, 1), (0.0, 0.0, 10.0 * level), cell="hexahedron")
+        scene.substructure(name, part, lf.LinearElastic(YOUNG, 0.3), degree=1)
+    scene.fix("base:z0")
+    gap = lf.RandomField("g", mean=0.0, std=1e-4, length=8.0, modes=3)
+    scene.interface("joint", "base:z1", "cover:z0", lf.Contact(stiffness=1e4, gap=gap))
+    scene.interface("spring", "base:z1", "cover:z0", lf.Elastic(normal=1.0, tangential=5.0))
+    scene.force("cover:z1", (0.0, 0.0, -9000.0), name="press")
+    problem = lf.assemble(scene)
+    corner = lf.AtPoint(problem, "cover", (20.0, 30.0, 20.0), component="z")
+    function = problem.function(corner, options=TIGHT)
+    data, noise = function([0.5, 0.0, 0.0]), 2e-6
+    found = calibrate(problem, corner, data, noise, options=TIGHT)
+    assert isinstance(found, Posterior) and found.names == found.germs == ("g[0]", "g[1]", "g[2]")
+    slopes = function.gradient([0.0, 0.0, 0.0])[0] / noise
+    inverse = np.linalg.inv(np.eye(3) + np.outer(slopes, slopes))
+    for k, name in enumerate(found.names):
+        assert found.std(name) == pytest.approx(np.sqrt(inverse[k, k]), rel=0.1)
+        assert found.laplace[name] == pytest.approx(np.sqrt(inverse[k, k]), rel=0.02)
+    with pytest.raises(SceneError, match="is a germ of a random field"):
+        found.random()

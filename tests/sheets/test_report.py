@@ -277,3 +277,42 @@ def test_chance_of_any_bolt() -> None:
     sheet = lf.report(drawn, pictures=False)
     low, high = (sheet.value("bolt", "m_K", f"P(used up), {end}") for end in ("low", "high"))
     assert low < 0.05 < high and "opens or slips" in sheet.sentences[0]
+
+
+def test_errors_of_bolt_forces_themselves() -> None:
+    """Of linear bars nothing is left; where meshes decide, the estimate is that of the quantity."""
+    exact = lf.solve(joint(), times=TIMES, options=lf.Options(rtol=1e-10))
+    sheet = lf.report(exact, stress_area=84.3, pictures=False, errors="goal")
+    table = sheet.table.columns
+    of = dict(zip(zip(table["key"], table["statistic"], strict=True), table["error_mesh_of"], strict=True))
+    assert of["Phi", "value"] == "energy"
+    assert of["F_S", "value"] == "goal"
+    at = [k for k, key in enumerate(table["key"]) if key == "F_S"][0]
+    assert table["error_mesh"][at] < 1e-6 * sheet.value("bolt", "F_S")
+    assert "dual weighted residuals" in sheet.html
+    with pytest.raises(lf.SceneError, match="give True, False, 'goal'"):
+        lf.report(exact, pictures=False, errors="quantity")
+
+
+def test_bending_of_a_bolt() -> None:
+    """A square stud cut in the middle under a moment M: sigma = M / W, of the round bar of its area."""
+    scene = lf.Scene()
+    side, moment = 8.0, 2e4
+    for level, part in enumerate(("lower", "upper")):
+        stud = lf.geometry.box((side, side, 30.0), (2, 2, 3), (0.0, 0.0, 30.0 * level), cell="hexahedron")
+        scene.substructure(part, stud, lf.LinearElastic(E=E, nu=0.0), degree=2)
+    scene.interface("stud", "lower:z1", "upper:z0", lf.Preload(1e4, until=1.0))
+    scene.fix("lower:z0")
+    scene.fix("upper:z1", (0.0, 0.0, 0.0), name="end")
+    # between two clamped ends a moment in the middle of a half leaves one in the cut
+    scene.force("upper:z0", (0.0, 0.0, 0.0), moment=(0.0, moment * ON, 0.0), name="bend")
+    result = lf.solve(lf.assemble(scene), times=TIMES, options=lf.Options(rtol=1e-10))
+    sheet = lf.report(result, pictures=False, errors=False)
+    held = result.readings("stud").interfaces["stud"].values["moment_y"]
+    area = side * side
+    modulus = np.pi * (4.0 * area / np.pi) ** 1.5 / 32.0
+    assert abs(held[-1]) > 0.1 * moment
+    change = np.abs(held[TIMES.index(1.0) :] - held[TIMES.index(1.0)]).max()
+    assert sheet.value("stud", "sigma_ab") == pytest.approx(0.5 * change / modulus, rel=1e-9)
+    beam = lf.report(lf.solve(joint(), times=TIMES), pictures=False, errors=False, stress_area=84.3)
+    assert any("σ_ab" in each for each in beam.left_out)

@@ -66,6 +66,18 @@ std::vector<Matrix> slopes_at(const substructure::Laws& laws, const State& state
   return slopes;
 }
 
+/// The slopes of every point transposed, in place.
+void transpose(std::vector<Matrix>& slopes, const substructure::Joined& joined) {
+  for (Matrix& each : slopes) {
+    for (const substructure::Joined::JoinedInterface& interface : joined.interfaces()) {
+      for (Index i = 0; i < interface.size; i += interface.components) {
+        each.block(interface.first_unknown + i, 0, interface.components, interface.components)
+            .transposeInPlace();
+      }
+    }
+  }
+}
+
 /// Whether slopes are the same to rounding of differences.
 bool alike(const Matrix& a, const Matrix& b) {
   constexpr double same = 1e-6;
@@ -130,6 +142,13 @@ void Linearisation::factorise(const std::vector<Matrix>& slopes, double hold,
   if (!communicator.none_failed(failure)) {
     throw NumericalError("the structure is not stable with the tangents of its laws");
   }
+}
+
+void Linearisation::take_transposed(const substructure::Laws& laws, const State& state) {
+  know_structure(laws);
+  Slopes slopes = slopes_of(laws, state);
+  transpose(slopes.distinct, tangents_.front()->joined());
+  take(laws, std::move(slopes), least_hold);
 }
 
 bool Linearisation::take(const substructure::Laws& laws, const State& state, double hold) {

@@ -265,6 +265,15 @@ std::vector<Matrix> FieldBody::displacements(ConstMatrixRef data, ConstMatrixRef
   return fields;
 }
 
+std::shared_ptr<const Body> FieldColumns::sample(const Body& mean, Index number) const {
+  std::vector<Vector> own;
+  own.reserve(factors.size());
+  for (const Matrix& each : factors) {
+    own.emplace_back(each.col(number));
+  }
+  return mean.with_factors(own);
+}
+
 std::vector<Matrix> FieldColumns::displacements(const Body& mean, ConstMatrixRef data,
                                                 ConstMatrixRef amplitudes) const {
   if (chaos != nullptr) {
@@ -276,15 +285,10 @@ std::vector<Matrix> FieldColumns::displacements(const Body& mean, ConstMatrixRef
   const Index count = data.cols() / blocks();
   std::vector<Matrix> fields;
   for (Index k = 0; k < blocks(); ++k) {
-    std::vector<Vector> own;
-    own.reserve(factors.size());
-    for (const Matrix& each : factors) {
-      own.emplace_back(each.col(k));
-    }
-    const std::shared_ptr<const Body> sample = mean.with_factors(own);
-    const std::vector<Matrix> found = sample->displacements(data.middleCols(k * count, count),
-                                                            amplitudes.middleCols(k * count, count),
-                                                            sample->response_to_extra(extra));
+    const std::shared_ptr<const Body> one = sample(mean, k);
+    const std::vector<Matrix> found =
+        one->displacements(data.middleCols(k * count, count),
+                           amplitudes.middleCols(k * count, count), one->response_to_extra(extra));
     for (std::size_t e = 0; e < found.size(); ++e) {
       if (k == 0) {
         fields.emplace_back(found[e].rows(), data.cols());

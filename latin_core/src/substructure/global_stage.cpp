@@ -43,8 +43,19 @@ void GlobalStage::apply_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef
     field.chaos->apply(data, amplitudes, traces, of_fields_);
     return;
   }
-  field.body->apply(data, traces, work_);
-  traces.noalias() += field.response.traces * amplitudes;
+  if (field.body != nullptr) {
+    field.body->apply(data, traces, work_);
+    traces.noalias() += field.response.traces * amplitudes;
+    return;
+  }
+  const Index count = data.cols() / field.blocks();
+  for (Index k = 0; k < field.blocks(); ++k) {
+    const std::shared_ptr<const Body> sample = field.sample(laws_.structure().bodies()[b], k);
+    auto of_sample = traces.middleCols(k * count, count);
+    sample->apply(data.middleCols(k * count, count), of_sample, work_);
+    of_sample.noalias() +=
+        sample->response_to_extra(field.extra).traces * amplitudes.middleCols(k * count, count);
+  }
 }
 
 Vector GlobalStage::energies_of_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef traces,

@@ -554,12 +554,7 @@ FieldColumns Laws::field_of(std::size_t b,
     }
   }
   if (count == 1) {
-    std::vector<Vector> own;
-    own.reserve(columns.factors.size());
-    for (const Matrix& each : columns.factors) {
-      own.emplace_back(each.col(0));
-    }
-    columns.body = body.with_factors(own);
+    columns.body = columns.sample(body, 0);
     columns.response = columns.body->response_to_extra(columns.extra);
   }
   return columns;

@@ -36,6 +36,10 @@ class Linearisation {
   /// @return whether they have changed
   /// @throws NumericalError if the structure is not stable with them
   bool take(const substructure::Laws& laws, const State& state, double hold = least_hold);
+  /// The same with the tangents transposed, for adjoint systems: friction makes them unsymmetric. What is measured
+  /// afterwards has no meaning.
+  /// @throws NumericalError if the structure is not stable with them
+  void take_transposed(const substructure::Laws& laws, const State& state);
   /// The same for a single column, of histories that are followed step by step: correct() then takes this one.
   void take_column(const substructure::Laws& laws, const State& state, Index column, double hold);
   /// Whether the tangents of a state, of c columns or of several sets of them, are so near to these that no motion

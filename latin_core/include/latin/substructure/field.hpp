@@ -88,6 +88,8 @@ struct FieldColumns {
   [[nodiscard]] Index blocks() const {
     return chaos != nullptr ? chaos->modes() : factors.front().cols();
   }
+  /// The body in one of the samples, factorised.
+  [[nodiscard]] std::shared_ptr<const Body> sample(const Body& mean, Index number) const;
   /// Displacements of each member, (n, c), of samples of a body: every one is a factorisation.
   [[nodiscard]] std::vector<Matrix> displacements(const Body& mean, ConstMatrixRef data,
                                                   ConstMatrixRef amplitudes) const;
