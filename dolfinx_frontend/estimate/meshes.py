@@ -152,11 +152,6 @@ def solve_scene(
         checked_whole("solve", "max_unknowns", max_unknowns, 1)
     if max_seconds is not None:
         checked_number("solve", "max_seconds", max_seconds, above=0.0)
-    if scene.axisymmetric:
-        raise SceneError(
-            "solve(scene, accuracy=...): the error of the meshes is not estimated for axisymmetric scenes; "
-            "solve(assemble(scene), accuracy=..., meshes=False) reduces the other errors"
-        )
     search = _Meshes(scene, accuracy, quantity, max_unknowns or MOST_UNKNOWNS, max_seconds, progress)
     search.compared = compared
     return search.answer(method, times=times, active=active, direction=direction, options=options)

@@ -9,6 +9,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError
+from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.results.errors import Place
 from dolfinx_frontend.results.result import Result
@@ -44,8 +45,8 @@ def soft_springs(scene: Scene, problem: Problem) -> list[str]:
         if law.elimination is not Elimination.SPRINGS or law.unilateral or not law.linear:
             continue
         first, second = (len(_facets(problem, side.substructure, side.face)) for side in interface.sides)
-        size = (interface.area / first) ** (1.0 / (interface.dim - 1))
-        other = (interface.sides[1].area / second) ** (1.0 / (interface.dim - 1))
+        size = (extent(problem, interface) / first) ** (1.0 / (interface.dim - 1))
+        other = (extent(problem, interface, 1) / second) ** (1.0 / (interface.dim - 1))
         if np.any(interface.chords):
             continue  # points on one polygon are not on the other
         if size > COARSER * other:

@@ -38,6 +38,7 @@ from dolfinx_frontend.plan.cost import (
     predict,
     shown,
 )
+from dolfinx_frontend.plan.price import Price, Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
@@ -180,6 +181,8 @@ class Plan:
         Parts with a random field in their stiffness.
     cost
         Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
+    price
+        Predicted processor time and memory of the run as a whole, in direct solves, too.
     """
 
     method: Literal["direct", "accelerated", "latin"]
@@ -200,6 +203,7 @@ class Plan:
     load_means: tuple[float, ...] = ()
     scaled: tuple[str, ...] = ()
     fields: tuple[str, ...] = ()
+    price: Price | None = None
 
     def __post_init__(self) -> None:
         locked(self)
@@ -374,23 +378,22 @@ def _one_column(problem: Problem) -> str:
 
 
 def plan_of_random(
-    where: str, random: RandomLaws, given: Plan | None, modes: int | None = None, **settings: Any
+    where: str, random: RandomLaws, given: Plan | None, way: Way, **settings: Any
 ) -> Plan:
     """A given plan that keeps what is random, or one made for it with the settings of :func:`make_plan`.
-
-    `modes` are those of a chaos; None: one set of values at a time.
 
     Raises
     ------
     SceneError
-        The given one eliminates something random.
+        The given one eliminates something random, or the way needs more memory than there is.
     """
     if given is not None:
         check_keeps(where, given, random.interfaces, random.loads, random.parts)
         return given
-    if modes is not None:
-        settings |= {"random": random, "columns": modes}
-    return make_plan(
+    settings["way"] = way._replace(random=random)
+    if way.modes:
+        settings |= {"random": random, "columns": way.modes}
+    plan = make_plan(
         random.problem,
         vary=random.interfaces,
         loads=random.loads,
@@ -398,6 +401,15 @@ def plan_of_random(
         fields=random.fields,
         **settings,
     )
+    free = available_memory()
+    price = plan.price
+    if price is not None and price.memory > _SURE * free and plan.options.backend != "multigrid":
+        what = f"{way.modes} modes" if way.modes else f"{way.points} points"
+        raise SceneError(
+            f"{where}: {what} need about {shown(price.memory, 'B')}, and {shown(free, 'B')} are free: take fewer "
+            "of them; compare_ways(problem) says what fits"
+        )
+    return plan
 
 
 @together("plan")
@@ -414,6 +426,7 @@ def make_plan(
     loads: Iterable[LoadTerm] = (),
     scaled: Iterable[str] = (),
     fields: Mapping[str, DiscretisedField] | None = None,
+    way: Way | None = None,
 ) -> Plan:
     """Decide what is modelled.
 
@@ -443,6 +456,8 @@ def make_plan(
         Parts whose stiffness varies by a factor: what joins them to others stays active.
     fields
         Parts with a random field in their stiffness: what joins them to others may be eliminated.
+    way
+        Modes or points, of which the price is told; None: of one solution.
 
     Raises
     ------
@@ -510,6 +525,9 @@ def make_plan(
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
+    of_way = way or Way(random, columns if random is not None else 0)
+    total = price(problem, here, cost.rows, options, of_way, steps, bool(macro))
+    decisions.append(_of_price(total, of_way))
     _log.info("plan: %s, %d columns, active: %s; %s", chosen, columns, ", ".join(kept) or "nothing", cost)
     return Plan(
         chosen,
@@ -530,7 +548,15 @@ def make_plan(
         tuple(sum(n.mean for n in problem.numbers_of(term)) for term in varied),
         factors,
         tuple(fields or ()),
+        total,
     )
+
+
+def _of_price(total: Price, way: Way) -> Decision:
+    """What the run costs as a whole."""
+    what = f"{way.points} points" if way.points else f"{way.modes} modes" if way.modes else "one solution"
+    known = "as all laws are linear" if total.sure else "if a nonlinear law takes as many iterations as most do"
+    return Decision("price", str(total), f"{what}, {known}; within a factor of two")
 
 
 def _backend(
