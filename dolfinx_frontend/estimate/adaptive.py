@@ -22,6 +22,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, is_real
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
@@ -66,6 +67,7 @@ from dolfinx_frontend.estimate.points import (
 )
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
+from dolfinx_frontend.plan.price import Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
@@ -133,9 +135,6 @@ MOST_RULE = 2048
 
 STEPS = 6
 """Times that a chaos is enlarged by the next degree in every germ and compared with its witnesses."""
-
-MOST_BYTES = 2e9
-"""Memory of the Galerkin matrices of a random field at most."""
 
 EIGENVECTORS = 3e-9
 """Seconds that the eigenvectors of a matrix of n rows take, over n^3."""
@@ -484,8 +483,13 @@ class _Search:
 
     def _affordable(self, modes: int) -> bool:
         """Whether a chaos of so many modes is in reach of time and memory."""
-        rows = _points_of_fields(self.result.random)
-        if modes > MOST_MODES or 16.0 * rows * modes**2 > MOST_BYTES:
+        result, rows = self.result, _points_of_fields(self.result.random)
+        plan, way = result.plan, Way(result.random, modes, result.chaos.order)
+        wanted = price(
+            result.problem, plan.active, result.solver.rows, plan.options, way, result.steps, bool(plan.macro)
+        )
+        share = over_ranks(result, wanted.memory / available_memory(), max)
+        if modes > MOST_MODES or share > 1.0:
             return False
         return rows * modes**3 * EIGENVECTORS <= 1.0 + PRICE * self.per_point
 

@@ -36,7 +36,7 @@ _ENTRY, _PART, _FIRST = 5e-8, 1e-3, 8e-3
 """Seconds for an entry of the matrices, for a part, and once."""
 _STOCHASTIC = 0.02
 """Seconds for modes or points and what is found out about them."""
-_ROW_OF_POINT, _ROW_OF_COLUMN = 2.5e-7, 8e-8
+_ROW_OF_POINT, _ROW_OF_COLUMN = 3.5e-7, 8e-8
 """Seconds for a row of the interface data and an iteration, of a point and of a column of a chaos."""
 _ROW_AT_ONCE, _ROW_OF_MODE = 5e-7, 8e-7
 """Seconds for a row where a linear scene has a tangent: of a point, and of a mode."""
