@@ -67,7 +67,7 @@ from dolfinx_frontend.estimate.points import (
 )
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
-from dolfinx_frontend.plan.price import Way, price
+from dolfinx_frontend.plan.price import Way, price, speed
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
@@ -95,7 +95,9 @@ MOST_ORDER = 8
 STALLED = 0.6
 """A chaos does not converge if mean and deviation change by more than this times the change before."""
 
-MOST_SAMPLES = 8192
+MOST_SAMPLES, MOST_CHEAP_SAMPLES, CHEAP = 8192, 65_536, 60.0
+"""Samples at most, and where so many take less than that many seconds by their price on the core whose rates it has:
+how many are taken must not depend on what else the machine does."""
 
 LEAST_SAMPLES = 16
 """Samples of a set that the search begins with."""
@@ -794,11 +796,25 @@ def _by_panels(
     return None
 
 
+def _most_samples(result: ChaosResult) -> int:
+    """Samples that are tried at most."""
+    most, plan = MOST_CHEAP_SAMPLES, result.plan
+    while most > MOST_SAMPLES:
+        way = Way(result.random, points=most)
+        of_all = price(
+            result.problem, plan.active, result.solver.total_rows, plan.options, way, result.steps, bool(plan.macro)
+        )
+        if of_all.seconds * speed() <= CHEAP and result.problem.comm is None:
+            return most
+        most //= 2
+    return MOST_SAMPLES
+
+
 def _by_samples(
     result: ChaosResult, quantity: Wanted, target: float, rtol: float
 ) -> tuple[SampleResult, Errors, tuple[str, ...]]:
     """Calibrated samples, as many as their sets ask for."""
-    each = LEAST_SAMPLES
+    each, most = LEAST_SAMPLES, _most_samples(result)
     notes: tuple[str, ...] = ()
     space = result.space
     while True:
@@ -825,7 +841,9 @@ def _by_samples(
         factor = 2 ** max(1, min(2, round(log2(relative / (0.5 * target))))) if isfinite(relative) else 4
         known = value.std is not None and share_of(of_std, whole) <= 0.6 * target
         lost = known and size <= of_mean
-        if total >= MOST_SAMPLES or (lost and total >= ENOUGH_FOR_ZERO):
+        # with kinks errors fall like N^-0.8; more points than usual only where they would do
+        hopeless = total >= MOST_SAMPLES and not relative * (total / most) ** 0.8 <= 0.6 * target
+        if total >= most or hopeless or (lost and total >= ENOUGH_FOR_ZERO):
             away = checked_cold(result, samples, quantity, values)
             notes = (f"{total} samples: more are left to you, see quasi_monte_carlo",)
             if nothing:
@@ -837,7 +855,7 @@ def _by_samples(
                     "the quantity is to be compared with",
                 )
             break
-        each = min(each * factor, MOST_SAMPLES // SETS)
+        each = min(each * factor, most // SETS)
     unseen = np.inf if nothing else None
     how = f"{SETS} sets of {each} samples"
     truncation = ErrorShare(np.nan, unseen or of_mean, unseen or of_std, how)

@@ -43,7 +43,12 @@ from dolfinx_frontend.estimate.errors import (
 )
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.levels import of_two_meshes
-from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
+from dolfinx_frontend.estimate.mesh_error import (
+    DeviationError,
+    DiscretisationError,
+    deviation_error,
+    discretisation_error,
+)
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.estimate.zones import contact_edges, places_of, soft_springs
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
@@ -191,7 +196,7 @@ class _Meshes:
         self.steps: list[MeshStep] = []
         self.places: tuple[Place, ...] = ()
         self.notes: list[str] = []
-        self.random = False
+        self.random = self.by_modes = False
         self.before: Problem | None = None
         self.first: Problem | None = None
         self.of_first: ChaosResult | None = None
@@ -250,7 +255,10 @@ class _Meshes:
     def _of_random(self) -> ErrorShare | None:
         """The error of the meshes, for an answer with a deviation."""
         share = self.share
-        return None if share is None else replace(share, how=f"{share.how}, at the means of what is random")
+        if share is None:
+            return None
+        where = "and mode by mode" if self.by_modes else "of what is random"
+        return replace(share, how=f"{share.how}, at the means {where}")
 
     def _adapt(self, method: Method, **settings: Any) -> None:
         """Solve on finer and finer meshes."""
@@ -342,6 +350,7 @@ class _Meshes:
             self.of_first = self._first_chaos(problem, method, options, settings)
             self.spread = self.of_first.mean_std(self.quantity).std
         value = None if self.quantity is None else result.mean_std(self.quantity).mean
+        of_loads = self._of_random_loads(method, options, settings)
         self.norms.append(found.norm)
         self.largest = max(self.largest, abs(value or 0.0))
         of_quantity = isinstance(self.quantity, Resultant) and found.quantity is not None
@@ -353,6 +362,16 @@ class _Meshes:
             estimate = sure = found.energy if self.quantity is None else np.nan
         self._count_unseen(found, value)
         of_unseen, stays = sum(self.unseen.values()), sum(self.stays.values())
+        self.cells = found.cells
+        if of_loads is not None and of_quantity:
+            # of the deviation, which the answer at the means may know nothing of
+            largest = share_of(of_loads.quantity, of_loads.std)
+            of_mean, of_std = (share_of(1.0, each) for each in (self._size(value), of_loads.std))
+            if largest > estimate or not isfinite(of_mean):
+                self.cells = of_loads.cells
+            elif isfinite(of_std):
+                self.cells = {n: of_mean * c + of_std * of_loads.cells[n] for n, c in found.cells.items()}
+            estimate, sure = max(estimate, largest), max(sure, share_of(of_loads.bound, of_loads.std))
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
@@ -373,7 +392,7 @@ class _Meshes:
         energy = said if self.quantity is None else MARGIN * found.energy
         self.sure = sure
         self.share = ErrorShare(energy, absolute, None, how)
-        self.places = places_of(result.problem, found)
+        self.places = places_of(result.problem, self.cells)
         kept = (sum(bool(cost["kept"]) for cost in result.solver.costs), len(result.solver.costs))
         seconds = perf_counter() - self.began
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
@@ -386,12 +405,47 @@ class _Meshes:
         )
         alone = enough * sure <= self.target and not (self.edges or means or self._of_chords())
         self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
-        self.cells = found.cells
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
         _log.info("%s", line)
         if self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
+
+    def _of_random_loads(
+        self, method: Method, options: Options, settings: Mapping[str, Any]
+    ) -> DeviationError | None:
+        """What the meshes do to the deviation where loads, imposed jumps or the like are random; None: the answer
+        at the means tells as much, or it cannot be estimated."""
+        assert self.result is not None
+        problem = self.result.problem
+        random = RandomLaws.of(problem)
+        loading = bool(random.loads) or any(
+            parameter not in problem.interfaces[name].law.spans for name, parameter in random.sources
+        )
+        linear = all(each.law.linear for each in problem.interfaces.values())
+        if not (loading and linear and isinstance(self.quantity, Resultant) and problem.comm is None):
+            return None
+        try:
+            self.chaos = self._chaos_on(problem, method, options, settings)
+            if self.of_first is None:
+                self.of_first = self.chaos
+            found = deviation_error(self.result, self.chaos, self.quantity)
+            self.by_modes = True
+            return found
+        except SceneError as error:
+            note = f"the error of the deviation is not estimated: {str(error).splitlines()[0]}"
+            if note not in self.notes:
+                self.notes.append(note)
+            return None
+
+    def _chaos_on(
+        self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
+    ) -> ChaosResult:
+        """The chaos of order 1 on some meshes, if it is there already that one."""
+        for known in (self.chaos, self.of_first):
+            if known is not None and known.problem is problem:
+                return known
+        return self._first_chaos(problem, method, options, settings)
 
     def _count_unseen(self, found: DiscretisationError, value: float | None) -> None:
         """Relative errors that recovered stresses do not show: of what finer meshes make smaller, and of the
@@ -528,7 +582,7 @@ class _Meshes:
             if self.of_first is None:
                 assert self.first is not None
                 self.of_first = self._first_chaos(self.first, method, options, settings)
-            old, self.chaos = self.chaos, self._first_chaos(self.result.problem, method, options, settings)
+            old, self.chaos = self.chaos, self._chaos_on(self.result.problem, method, options, settings)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)
             if left > self.target * (self.chaos.mean_std(self.quantity).std or 0.0):
@@ -559,7 +613,7 @@ class _Meshes:
         taken for little worse than a bound of the error of the mean."""
         assert self.result is not None and self.share is not None and isinstance(self.quantity, Resultant)
         try:
-            self.chaos = self._first_chaos(self.result.problem, method, options, settings)
+            self.chaos = self._chaos_on(self.result.problem, method, options, settings)
         except SceneError as error:
             self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
             return True

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes
-from dolfinx_frontend.estimate.mesh_error import DiscretisationError
 from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.results.errors import Place
@@ -88,18 +89,18 @@ def contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
     return out, unresolved
 
 
-def places_of(problem: Problem, found: DiscretisationError) -> tuple[Place, ...]:
+def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]:
     """Parts by what their cells contribute, the largest first; those below a hundredth are left out."""
-    sums = {name: float(each.sum()) for name, each in found.cells.items()}
+    sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
     out = []
     for name in sorted(sums, key=lambda n: -sums[n]):
         if not sums[name] > 0.01 * total:
             break
         mesh = problem.substructures[name].part.mesh
-        worst = int(found.cells[name].argmax())
+        worst = int(cells[name].argmax())
         nodes = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[worst], : mesh.geometry.dim]
         at = tuple(float(v) for v in nodes.mean(axis=0))
         size = float(cell_sizes(mesh).min())
-        out.append(Place(name, sums[name] / total, at, len(found.cells[name]), size))
+        out.append(Place(name, sums[name] / total, at, len(cells[name]), size))
     return tuple(out)

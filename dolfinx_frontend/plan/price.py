@@ -24,7 +24,7 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from latin_core import Options
 
-__all__ = ["Price", "Way", "price"]
+__all__ = ["Price", "Way", "price", "speed"]
 
 _CORE = 70e9
 """Operations a second of a product of matrices, where the other rates were measured."""
@@ -103,7 +103,7 @@ class Price:
 
 
 @cache
-def _speed() -> float:
+def speed() -> float:
     """How fast this core is, relative to the one where the rates were measured."""
     size = 256
     matrix = np.ones((size, size))
@@ -187,8 +187,7 @@ def price(
     if way.random is not None and way.random.fields:
         inside = float(sum(problem.own.substructures[name].entries for name in way.random.fields))
         seconds, memory = seconds + _ENTRY_OF_FIELD * inside, memory + _BYTES_OF_FIELD * inside
-    speed = _speed()
-    return Price(seconds / speed, seconds / unit, memory, not curved)
+    return Price(seconds / speed(), seconds / unit, memory, not curved)
 
 
 class _Run(NamedTuple):
