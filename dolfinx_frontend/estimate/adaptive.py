@@ -96,8 +96,8 @@ STALLED = 0.6
 """A chaos does not converge if mean and deviation change by more than this times the change before."""
 
 MOST_SAMPLES, MOST_CHEAP_SAMPLES, CHEAP = 8192, 65_536, 60.0
-"""Samples at most, and where so many take less than that many seconds by their price on the core whose rates it has:
-how many are taken must not depend on what else the machine does."""
+"""Samples at most, and where so many take less than that many seconds by their price on the core whose
+rates it has: how many are taken must not depend on what else the machine does."""
 
 LEAST_SAMPLES = 16
 """Samples of a set that the search begins with."""
@@ -802,7 +802,8 @@ def _most_samples(result: ChaosResult) -> int:
     while most > MOST_SAMPLES:
         way = Way(result.random, points=most)
         of_all = price(
-            result.problem, plan.active, result.solver.total_rows, plan.options, way, result.steps, bool(plan.macro)
+            result.problem, plan.active, result.solver.total_rows, plan.options, way, result.steps,
+            bool(plan.macro)
         )
         if of_all.seconds * speed() <= CHEAP and result.problem.comm is None:
             return most

@@ -237,7 +237,7 @@ def discretisation_error(
 
 
 class DeviationError(NamedTuple):
-    """Estimated error of a standard deviation by the meshes; as `quantity`, `bound` and `cells` of the mean."""
+    """Estimated error of a deviation by the meshes; see `DiscretisationError`."""
 
     std: float
     quantity: float
@@ -248,9 +248,9 @@ class DeviationError(NamedTuple):
 def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> DeviationError:
     """Estimate what the meshes do to the deviation of a quantity, on one rank.
 
-    Each mode of a chaos is the answer to loads of its own; its error is weighted with the dual solution at the
-    means. Errors of modes are added as if none cancelled another: sqrt(sum of squares). How the randomness of a
-    stiffness changes the dual solution is left out.
+    Each mode of a chaos is the answer to loads of its own; its error is weighted with the dual solution at
+    the means. Errors of modes are added as if none cancelled another: sqrt(sum of squares). How the
+    randomness of a stiffness changes the dual solution is left out.
 
     Parameters
     ----------

@@ -414,8 +414,8 @@ class _Meshes:
     def _of_random_loads(
         self, method: Method, options: Options, settings: Mapping[str, Any]
     ) -> DeviationError | None:
-        """What the meshes do to the deviation where loads, imposed jumps or the like are random; None: the answer
-        at the means tells as much, or it cannot be estimated."""
+        """What the meshes do to the deviation where loads, imposed jumps or the like are random; None: the
+        answer at the means tells as much, or it cannot be estimated."""
         assert self.result is not None
         problem = self.result.problem
         random = RandomLaws.of(problem)

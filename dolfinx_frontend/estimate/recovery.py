@@ -288,7 +288,8 @@ class Recovery:
         lowered = apply_derivatives(apply_algebra_lowering(of_cells))
         errors = (g - ufl.grad(w), h - ufl.grad(v))
         # terms with values instead of gradients are of higher order
-        swap = {ufl.grad(w): errors[0], ufl.grad(v): errors[1], w: self._value(errors[0]), v: self._value(errors[1])}
+        swap = {ufl.grad(w): errors[0], ufl.grad(v): errors[1]}
+        swap |= {w: self._value(errors[0]), v: self._value(errors[1])}
         place = np.asarray(constants.dofmap.list, dtype=np.int64).ravel()
         self._lowered = lowered
         return fem.form(ufl.replace(lowered, swap)), (g, w, h, v), place
@@ -300,8 +301,8 @@ class Recovery:
         return fem.form(self._lowered), fields, place
 
     def _value(self, error: Any) -> Any:
-        """The error of a displacement, UFL (d,), where terms with values count: in cells on the axis of a body of
-        revolution, where u_r / r is another slope."""
+        """The error of a displacement, UFL (d,), where terms with values count: in cells on the axis of a
+        body of revolution, where u_r / r is another slope."""
         if not self.part.around:
             return ufl.zero(self.dim)
         mesh = self.part.part.mesh

@@ -1,9 +1,10 @@
 """What a plan will cost, in operations and bytes, before anything is factorised.
 
-The model has two measured constants: a sparse Cholesky factor of a three-dimensional part with n unknowns holds
-about 28 n^(4/3) numbers if it is a cube, 10 if it is a wall of one or two cells (what it is, its share of nodes on
-the surface tells), one of a two-dimensional part about 6 n log2 n; it takes about 1.3 / n times the square of that
-in operations. So numbers are right within a factor of 1.5 and operations within 2.5.
+The model has two measured constants: a sparse Cholesky factor of a three-dimensional part with n unknowns
+holds about 28 n^(4/3) numbers if it is a cube, 10 if it is a wall of one or two cells (its share of nodes on
+the surface tells which it is), one of a two-dimensional part about 6 n log2 n; it takes about 1.3 / n times
+the square of that in operations. Numbers are right within a factor of two, walls of one cell 2.5 times too
+many.
 """
 
 from __future__ import annotations
@@ -20,7 +21,17 @@ from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.plan.reduction import members_of_bodies
 from latin_core import Options
 
-__all__ = ["BYTES_OF_ENTRY", "Body", "Cost", "blocks_fit", "bodies_of", "interface_unknowns", "newton_is_dense", "predict", "shown"]
+__all__ = [
+    "BYTES_OF_ENTRY",
+    "Body",
+    "Cost",
+    "blocks_fit",
+    "bodies_of",
+    "interface_unknowns",
+    "newton_is_dense",
+    "predict",
+    "shown",
+]
 
 _FILL_OF_CUBE, _LEAST_FILL = 28.0, 10.0
 """Numbers in the factor of a three-dimensional part over n^(4/3): of a cube, and of thin walls at least."""
@@ -90,7 +101,7 @@ def _removed(interface: Interface) -> int:
 
 
 class Body(NamedTuple):
-    """A body after reduction: its unknowns, the active ones, and the numbers in its sparse factor and its matrix."""
+    """A body after reduction: its unknowns, the active ones, numbers in its sparse factor and its matrix."""
 
     unknowns: int
     active: int
@@ -114,7 +125,8 @@ class Body(NamedTuple):
 def _fill(part: Substructure) -> float:
     """Unknowns of a part times the numbers in its factor over n^(4/3)."""
     surface = part.surface / (part.size / part.dim) ** (2 / 3)
-    return part.size * max(_FILL_OF_CUBE * (_SURFACE_OF_CUBE / surface) ** _POWER_OF_SURFACE, _LEAST_FILL)
+    of_shape = _FILL_OF_CUBE * (_SURFACE_OF_CUBE / surface) ** _POWER_OF_SURFACE
+    return float(part.size * max(of_shape, _LEAST_FILL))
 
 
 def bodies_of(problem: Problem, kept: tuple[str, ...]) -> Iterator[Body]:
@@ -239,7 +251,7 @@ def predict(
 
 
 BYTES_OF_ENTRY = 20.0
-"""Bytes for an entry of the matrices of the parts, while they are factorised (lower triangles, in two orders)."""
+"""Bytes for an entry of the matrices of parts that are factorised (lower triangles, in two orders)."""
 _ROW = 960.0
 """Bytes a row of the whole matrix."""
 _FIELDS = 70

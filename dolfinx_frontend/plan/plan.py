@@ -56,6 +56,7 @@ __all__ = [
     "check_problem",
     "check_settings",
     "make_plan",
+    "plan_for",
     "plan_of_random",
 ]
 
@@ -377,6 +378,21 @@ def _one_column(problem: Problem) -> str:
     return "nothing is random and no law has a history"
 
 
+def plan_for(random: RandomLaws, way: Way, **settings: Any) -> Plan:
+    """The plan of a way to moments, with the settings of :func:`make_plan`; it need not fit."""
+    settings["way"] = way._replace(random=random)
+    if way.modes:
+        settings |= {"random": random, "columns": way.modes}
+    return make_plan(
+        random.problem,
+        vary=random.interfaces,
+        loads=random.loads,
+        scaled=random.scaled,
+        fields=random.fields,
+        **settings,
+    )
+
+
 def plan_of_random(
     where: str, random: RandomLaws, given: Plan | None, way: Way, **settings: Any
 ) -> Plan:
@@ -390,24 +406,14 @@ def plan_of_random(
     if given is not None:
         check_keeps(where, given, random.interfaces, random.loads, random.parts)
         return given
-    settings["way"] = way._replace(random=random)
-    if way.modes:
-        settings |= {"random": random, "columns": way.modes}
-    plan = make_plan(
-        random.problem,
-        vary=random.interfaces,
-        loads=random.loads,
-        scaled=random.scaled,
-        fields=random.fields,
-        **settings,
-    )
+    plan = plan_for(random, way, **settings)
     free = available_memory()
     price = plan.price
     if price is not None and price.memory > _SURE * free and plan.options.backend != "multigrid":
         what = f"{way.modes} modes" if way.modes else f"{way.points} points"
         raise SceneError(
-            f"{where}: {what} need about {shown(price.memory, 'B')}, and {shown(free, 'B')} are free: take fewer "
-            "of them; compare_ways(problem) says what fits"
+            f"{where}: {what} need about {shown(price.memory, 'B')}, and {shown(free, 'B')} are free: take "
+            "fewer of them; compare_ways(problem) says what fits"
         )
     return plan
 
@@ -555,8 +561,10 @@ def make_plan(
 def _of_price(total: Price, way: Way) -> Decision:
     """What the run costs as a whole."""
     what = f"{way.points} points" if way.points else f"{way.modes} modes" if way.modes else "one solution"
-    known = "as all laws are linear" if total.sure else "if a nonlinear law takes as many iterations as most do"
-    return Decision("price", str(total), f"{what}, {known}; within a factor of two")
+    known = "as all laws are linear, within a factor of two"
+    if not total.sure:
+        known = "a nonlinear law may take more or fewer iterations than most do"
+    return Decision("price", str(total), f"{what}; {known}")
 
 
 def _backend(

@@ -1,10 +1,10 @@
 """What a way costs as a whole: processor time and memory of one solution, a chaos, a rule, or samples.
 
-An estimate before anything is factorised, in direct solves of the same scene, whose own time is an estimate, too.
-The rates below were measured on one core that multiplies matrices at 70 GFlop/s; those of other machines follow from one product of
-matrices that is timed when the first price is asked for. Of linear laws the estimate is within a factor of two
-(``./run bench plan``). How many iterations contact and friction take is not known before; typical numbers are
-taken.
+An estimate before anything is factorised, in direct solves of the same scene, whose own time is an estimate,
+too. The rates below were measured on one core that multiplies matrices at 70 GFlop/s; those of other machines
+follow from one product of matrices that is timed when the first price is asked for. How many iterations
+contact and friction take is not known before; typical numbers are taken. ``./run bench plan`` sets prices
+beside what runs took.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ _LAW = 4e-9
 _EIGENVECTORS = 4e-10
 """Seconds for a point of a field, over the third power of the modes."""
 _OF_FIELD, _ENTRY_OF_FIELD, _BYTES_OF_FIELD = 10, 5e-7, 120.0
-"""Where a part has a random field: steps of conjugate gradients; seconds and bytes for an entry of its matrix."""
+"""Where a part has a random field: steps of conjugate gradients; seconds and bytes for an entry of its
+matrix."""
 _ITERATIONS, _WITH_MACRO, _NONLINEAR = 40, 12, 85
 """Iterations of a chaos at a tolerance of 1e-4: of linear laws, of those with a coarse problem, of others."""
 _FIRST_POINTS, _NEXT_POINT = 45, 3

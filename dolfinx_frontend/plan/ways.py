@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import prod
 from typing import Any, Literal, NamedTuple
 
@@ -14,7 +15,7 @@ from dolfinx_frontend.common.checks import check_kind, checked_whole
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.plan.cost import shown
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
+from dolfinx_frontend.plan.plan import Direction, Method, check_problem, make_plan, plan_for
 from dolfinx_frontend.plan.price import Price, Way
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -47,7 +48,7 @@ class PricedWay(NamedTuple):
     why: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Ways:
     """Ways to an answer with their prices; ``print`` shows a table.
 
@@ -61,6 +62,9 @@ class Ways:
 
     every: tuple[PricedWay, ...]
     free: float
+
+    def __repr__(self) -> str:
+        return f"Ways({', '.join(each.name for each in self.every)}; print it for the prices)"
 
     def __iter__(self) -> Iterator[PricedWay]:
         return iter(self.every)
@@ -118,8 +122,8 @@ def compare_ways(
     Returns
     -------
     Ways
-        First one solution with what is random at its mean, then those asked for. Estimates of processor time and
-        memory within a factor of two where all laws are linear; where a law is not, the time is a guess.
+        First one solution with what is random at its mean, then those asked for. Estimates: of
+        the time within a factor of two where all laws are linear, else with typical numbers of iterations.
 
     Raises
     ------
@@ -135,49 +139,41 @@ def compare_ways(
     free = available_memory()
     space = random.space
 
-    def plan_of(way: Way) -> Plan:
-        of_chaos = {"random": random, "columns": way.modes} if way.modes else {}
-        varied = {"vary": random.interfaces, "loads": random.loads}
-        parts = {"scaled": random.scaled, "fields": random.fields}
-        return make_plan(problem, way=way, **varied, **parts, **of_chaos, **settings)
-
     def priced(name: str, of: Callable[[], Way]) -> PricedWay:
         way = Way()
         try:
             way = of()
-            price = plan_of(way).price if way.random is not None else make_plan(problem, **settings).price
+            single = not (way.modes or way.points)
+            plan = make_plan(problem, **settings) if single else plan_for(random, way, **settings)
         except SceneError as error:
             return PricedWay(name, way.modes or way.points, None, False, str(error).splitlines()[0])
-        assert price is not None  # every plan that is made has one
-        fits = price.memory <= free
+        assert plan.price is not None  # every plan that is made has one
+        fits = plan.price.memory <= free
         why = "" if fits else f"{shown(free, 'B')} are free"
-        return PricedWay(name, way.modes or way.points or 1, price, fits, why)
+        return PricedWay(name, way.modes or way.points or 1, plan.price, fits, why)
 
-    def of_chaos(each: int | Chaos) -> Way:
-        wanted = each if isinstance(each, Chaos) else Chaos(order=each)
-        return Way(random, len(space.basis(wanted)), wanted.order, wanted.check_points)
+    def of_chaos(wanted: Chaos) -> Way:
+        return Way(None, len(space.basis(wanted)), wanted.order, wanted.check_points)
 
     def of_tensor(count: int) -> Way:
-        counts = [count if g.capacity is None else min(count, g.capacity) for g in space.germs]
-        return Way(random, points=prod(counts))
+        return Way(points=prod(count if g.capacity is None else min(count, g.capacity) for g in space.germs))
+
+    def of_sparse(level: int) -> Way:
+        return Way(points=len(space.sparse_gauss(level).points))
 
     found = [priced("solve at the means", Way)]
     for each in chaos:
         check_kind("compare_ways", "chaos", each, (int, Chaos), "give orders, or Chaos(...)")
-        name = f"chaos={each}" if isinstance(each, int) else str(each)
-        found.append(priced(name, lambda each=each: of_chaos(each)))  # type: ignore[misc]
-    for count in tensor:
-        points = checked_whole("compare_ways", "tensor", count, 1)
-        found.append(priced(f"tensor_quadrature {points}", lambda n=points: of_tensor(n)))  # type: ignore[misc]
-    for level in sparse:
-        level = checked_whole("compare_ways", "sparse", level, 0)
-        found.append(
-            priced(
-                f"sparse_quadrature {level}",
-                lambda k=level: Way(random, points=len(space.sparse_gauss(k).points)),  # type: ignore[misc]
-            )
-        )
-    for count in samples:
-        count = checked_whole("compare_ways", "samples", count, 1)
-        found.append(priced(f"samples {count}", lambda n=count: Way(random, points=n)))  # type: ignore[misc]
+        wanted = each if isinstance(each, Chaos) else Chaos(order=each)
+        name = str(each) if isinstance(each, Chaos) else f"chaos={each}"
+        found.append(priced(name, partial(of_chaos, wanted)))
+    for each in tensor:
+        count = checked_whole("compare_ways", "tensor", each, 1)
+        found.append(priced(f"tensor_quadrature {count}", partial(of_tensor, count)))
+    for each in sparse:
+        level = checked_whole("compare_ways", "sparse", each, 0)
+        found.append(priced(f"sparse_quadrature {level}", partial(of_sparse, level)))
+    for each in samples:
+        count = checked_whole("compare_ways", "samples", each, 1)
+        found.append(priced(f"samples {count}", partial(Way, points=count)))
     return Ways(tuple(found), free)

@@ -2,10 +2,10 @@
 
 ``./run bench plan [--json FILE] [--markdown docs/plan.md] [--only SCENE ...]``
 
-Every run is a process of its own, forked from one that has assembled the scene. Cost is processor time (what other
-programs do on the machine does not count), in *units*: of a direct solve of the scene with all that is random at its
-mean, measured in the same way (with contact: of factorising its parts). Memory is the peak of the resident set over
-what the assembled scene had.
+Every run is a process of its own, forked from one that has assembled the scene. Cost is processor time (what
+other programs do on the machine does not count), in *units*: of a direct solve of the scene with all that is
+random at its mean, measured in the same way (with contact: of factorising its parts). Memory is the peak of
+the resident set over what the assembled scene had.
 """
 
 from __future__ import annotations
@@ -72,7 +72,13 @@ def springs(kind: Any, cov: float, mean: float = 2e4) -> Callable[[int], Elastic
 def field(modes: int, cov: float, length: float = 5.0, mean: float = 2e4) -> RandomField:
     """A lognormal field."""
     return RandomField(
-        "k", mean=mean, cov=cov, covariance="exponential", length=length, modes=modes, distribution="lognormal"
+        "k",
+        mean=mean,
+        cov=cov,
+        covariance="exponential",
+        length=length,
+        modes=modes,
+        distribution="lognormal",
     )
 
 
@@ -135,7 +141,10 @@ SCENES: dict[str, tuple[Callable[[], Problem], str]] = {
         "chaos 2, tensor 5, samples 64"),
     "vessel, coarse": (lambda: tradeoff.vessel(tradeoff.Mesh("coarse")),
                        "chaos 1, chaos 5, tensor 5, samples 64, samples 512"),
-    "vessel, paper": (lambda: tradeoff.vessel(tradeoff.Mesh("paper")), "chaos 1, chaos 3, tensor 3, samples 64"),
+    "vessel, paper": (
+        lambda: tradeoff.vessel(tradeoff.Mesh("paper")),
+        "chaos 1, chaos 3, tensor 3, samples 64",
+    ),
     "vessel, field of 6": (lambda: tradeoff.field_joint(tradeoff.Mesh("coarse")),
                            "chaos 1, chaos 2, chaos 3, sparse 2, samples 64"),
     "contact, random gaps": (lambda: assemble(gaps()), "chaos 2, chaos 4, tensor 4, samples 64"),
@@ -278,6 +287,7 @@ def table(runs: Sequence[Mapping[str, Any]]) -> str:
     for name in dict.fromkeys(each["scene"] for each in runs):
         own = [each for each in runs if each["scene"] == name and "failed" not in each]
         units = [each["seconds"] / each["unit"] for each in own]
+        megabytes = [1e-6 * each["memory"] for each in own]
         rows.append(
             [
                 name,
@@ -285,7 +295,7 @@ def table(runs: Sequence[Mapping[str, Any]]) -> str:
                 f"{min(units):.1f} .. {max(units):.1f}",
                 f"{off(own, 'said_units', lambda e: e['seconds'] / e['unit']):.2f}",
                 f"{off(own, 'said_seconds', lambda e: e['seconds']):.2f}",
-                f"{1e-6 * min(e['memory'] for e in own):.0f} .. {1e-6 * max(e['memory'] for e in own):.0f} MB",
+                f"{min(megabytes):.0f} .. {max(megabytes):.0f} MB",
                 f"{off(own, 'said_memory', lambda e: e['memory']):.2f}",
             ]
         )
