@@ -182,10 +182,12 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "mesh_error",
         "errors",
         "points",
+        "by_points",
         "adaptive",
         "levels",
         "finer",
         "zones",
+        "judged",
         "meshes",
     ),
     "inference": (
