@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from latin_core import Options
+from scipy.special import ndtr
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
@@ -29,15 +30,17 @@ from dolfinx_frontend.estimate.mesh_error import (
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.estimate.zones import contact_edges, places_of
 from dolfinx_frontend.plan.plan import Method, make_plan
-from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted
+from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
 __all__ = ["Judged"]
 
@@ -61,8 +64,58 @@ FORGOTTEN = 0.4
 OF_DEVIATION = 1.5
 """Times the bound of the error of the mean that the one of a deviation is taken for on one mesh."""
 
+ACTS = 2.0
+"""How much more must be of the quantity with loads one deviation off their means to look at it there."""
+
 LOST_STEPS, LOST_IN = 3, 0.01
 """Meshes after which a value is given up that is below this share of its largest, and below its error."""
+
+
+def _loading(random: RandomLaws) -> list[tuple[str, Source]]:
+    """What is random and loads the structure: its key (``"interface.parameter"``) and source."""
+    laws = random.problem.interfaces
+    found = [
+        (f"{name}.{parameter}", source)
+        for (name, parameter), source in random.sources.items()
+        if parameter not in laws[name].law.spans and parameter != "friction"
+    ]
+    return found + [
+        (f"{term.load}.{term.parameter}", source)
+        for term, own in random.loads.items()
+        for source in own
+        if term.load != OF_STIFFNESS
+    ]
+
+
+def _values_of(random: RandomLaws, xi: Array) -> dict[str, Any]:
+    """Values of random loads at a point (1, L) of the germs."""
+    values: dict[str, Any] = {}
+    for (name, parameter), source in random.sources.items():
+        if parameter in random.problem.interfaces[name].law.spans:
+            continue
+        drawn = random.space.values(source, xi)
+        value: Any = drawn[:, 0] if isinstance(source, DiscretisedField) else float(drawn[0])
+        amplitude = random.amplitude(name, parameter)
+        values[f"{name}.{parameter}"] = value if amplitude is None else amplitude * value
+    for term in random.loads:
+        if term.load == OF_STIFFNESS:
+            continue
+        number = float(random.load_values(term, xi)[0])
+        amplitude = term.amplitude
+        values[f"{term.load}.{term.parameter}"] = number if amplitude is None else amplitude * number
+    return values
+
+
+def _acted(result: Result, quantity: Wanted | None) -> float:
+    """Size of the quantity in an answer, or its energy norm."""
+    if quantity is not None:
+        return abs(result.mean_std(quantity).mean)
+    total = 0.0
+    for name, part in result.problem.own.substructures.items():
+        u = np.asarray(result.displacements[name])
+        last = u if u.ndim == 1 else u[-1]
+        total += float(last @ (part.matrix @ last))
+    return float(np.sqrt(max(total, 0.0)))
 
 
 class Judged:
@@ -72,8 +125,10 @@ class Judged:
     ----------
     scene
         With the present meshes.
-    result
-        The answer on them, at the means of what is random.
+    problem, result
+        That of the present meshes, and the answer at the means of what is random.
+    acting
+        Values of random loads that the answer is for instead of their means, as ``with_laws`` takes them.
     share
         Error of its meshes, as it is believed.
     """
@@ -100,6 +155,8 @@ class Judged:
         self.places: tuple[Place, ...] = ()
         self.notes: list[str] = []
         self.random = self.by_modes = False
+        self.problem: Problem | None = None
+        self.acting: dict[str, Any] = {}
         self.before: Problem | None = None
         self.first: Problem | None = None
         self.of_first: ChaosResult | None = None
@@ -117,12 +174,10 @@ class Judged:
         self, problem: Problem, changed: dict[str, str], method: Method, options: Options, **settings: Any
     ) -> None:
         """Solve on the present meshes, and measure."""
-        before = self.result
-        plan = make_plan(problem, method, vary=(), options=options, **settings)
-        result = solve_once(
-            problem, plan, estimator=errors, before=before, progress=self.shown
-        )
-        complete(result)
+        self.problem = problem
+        result = self._at(problem, self.result, method, options, settings)
+        if not self.steps and self._acts_far_from_the_means(result, method, options, settings):
+            result = self._at(problem, None, method, options, settings)
         if not self.steps:
             self.quantity, notes = beside_what_acts(result, self.quantity)
             self.notes += notes
@@ -194,17 +249,63 @@ class Judged:
         if self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
 
+    def _at(
+        self,
+        problem: Problem,
+        before: Result | None,
+        method: Method,
+        options: Options,
+        settings: Mapping[str, Any],
+    ) -> Result:
+        """The answer at the means of what is random, or where loads act."""
+        if self.acting:
+            problem = problem.with_laws(values=dict(self.acting))
+        plan = make_plan(problem, method, vary=(), options=options, **settings)
+        result = solve_once(problem, plan, estimator=errors, before=before, progress=self.shown)
+        complete(result)
+        return result
+
+    def _acts_far_from_the_means(
+        self, result: Result, method: Method, options: Options, settings: Mapping[str, Any]
+    ) -> bool:
+        """Whether random loads act far less at their means than one deviation off these, where a law is not
+        linear: then meshes are judged there. Sets the values of the loads."""
+        problem = result.problem
+        random = RandomLaws.of(problem)
+        curved = any(not each.law.linear for each in problem.interfaces.values())
+        loading = _loading(random)
+        if not (loading and curved and problem.comm is None):
+            return False
+        columns = sorted({c for _, source in loading for c in random.space.columns(source)})
+        sign = np.where(np.arange(len(columns)) % 2 == 0, 1.0, -1.0)
+        least, farthest = ACTS * _acted(result, self.quantity), 0.0
+        chosen: dict[str, Any] = {}
+        ones = np.ones(len(columns))
+        for side in (ones, -ones, sign, -sign)[: 2 if len(columns) == 1 else 4]:
+            u = np.full((1, random.space.dimension), 0.5)
+            u[0, columns] = ndtr(side)
+            xi = random.space.from_uniform(u)
+            self.acting = _values_of(random, xi)
+            try:
+                there = self._at(problem, None, method, options, settings)
+            except SceneError:
+                continue  # what is pulled off may move freely
+            acted = _acted(there, self.quantity)
+            if acted > max(least, farthest):
+                farthest, chosen = acted, self.acting
+        self.acting = chosen
+        return bool(chosen)
+
     def _of_random_loads(
         self, method: Method, options: Options, settings: Mapping[str, Any]
     ) -> DeviationError | None:
         """What the meshes do to the deviation where loads, imposed jumps or the like are random; None: the
         answer at the means tells as much, or it cannot be estimated."""
         assert self.result is not None
-        problem = self.result.problem
+        problem = self.problem
+        assert problem is not None
         random = RandomLaws.of(problem)
-        loading = bool(random.loads) or any(
-            parameter not in problem.interfaces[name].law.spans for name, parameter in random.sources
-        )
+        loading = bool(_loading(random))
         linear = all(each.law.linear for each in problem.interfaces.values())
         if not (loading and linear and isinstance(self.quantity, Resultant) and problem.comm is None):
             return None
@@ -365,7 +466,8 @@ class Judged:
             if self.of_first is None:
                 assert self.first is not None
                 self.of_first = self._first_chaos(self.first, method, options, settings)
-            old, self.chaos = self.chaos, self._chaos_on(self.result.problem, method, options, settings)
+            assert self.problem is not None
+            old, self.chaos = self.chaos, self._chaos_on(self.problem, method, options, settings)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)
             if left > self.target * (self.chaos.mean_std(self.quantity).std or 0.0):
@@ -395,8 +497,9 @@ class Judged:
         """Whether one mesh alone is good enough for a deviation, too: of that no estimate is made, and it is
         taken for little worse than a bound of the error of the mean."""
         assert self.result is not None and self.share is not None and isinstance(self.quantity, Resultant)
+        assert self.problem is not None
         try:
-            self.chaos = self._chaos_on(self.result.problem, method, options, settings)
+            self.chaos = self._chaos_on(self.problem, method, options, settings)
         except SceneError as error:
             self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
             return True

@@ -128,7 +128,8 @@ class _Meshes(Judged):
         try:
             self._adapt(method, **settings)
             assert self.result is not None
-            problem = self.result.problem
+            problem = self.problem
+            assert problem is not None
             if RandomLaws.of(problem).every:
                 found = self._on_two_meshes(method, settings) or solve_to_accuracy(
                     problem,
@@ -150,6 +151,9 @@ class _Meshes(Judged):
                 discretisation=self.share,
                 notes=(INTERRUPTED,),
             )
+            if self.acting:
+                values = ", ".join(f"{k} = {v:.4g}" for k, v in self.acting.items() if isinstance(v, float))
+                self.notes.append(f"the answer is that at {values or 'other values of random loads'}")
             found = self.result.with_notes(found=made)
         made = found.errors()
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
@@ -161,7 +165,7 @@ class _Meshes(Judged):
         if known is None or last is None or first is None or not isinstance(self.quantity, Resultant):
             return None
         assert self.result is not None
-        if last.problem is not self.result.problem:
+        if last.problem is not self.problem:
             return None
         return of_two_meshes(first, last, self.accuracy, self.quantity, known, method, settings)
 
@@ -170,8 +174,10 @@ class _Meshes(Judged):
         share = self.share
         if share is None:
             return None
-        where = "and mode by mode" if self.by_modes else "of what is random"
-        return replace(share, how=f"{share.how}, at the means {where}")
+        where = "at the means and mode by mode" if self.by_modes else "at the means of what is random"
+        if self.acting:
+            where = "where random loads are one deviation off their means"
+        return replace(share, how=f"{share.how}, {where}")
 
     def _adapt(self, method: Method, **settings: Any) -> None:
         """Solve on finer and finer meshes."""
