@@ -407,7 +407,7 @@ def plan_of_random(
         check_keeps(where, given, random.interfaces, random.loads, random.parts)
         return given
     plan = plan_for(random, way, **settings)
-    free = available_memory()
+    free = available_memory() if random.problem.comm is None else np.inf  # ranks would not decide alike
     price = plan.price
     if price is not None and price.memory > _SURE * free and plan.options.backend != "multigrid":
         what = f"{way.modes} modes" if way.modes else f"{way.points} points"
