@@ -26,6 +26,7 @@ from dolfinx_frontend.inference.reliability import Reliability, reliability
 from dolfinx_frontend.inference.screening import Screening, screen
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.ways import PricedWay, Ways, compare_ways
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Measure, Quantile, Resultant
 from dolfinx_frontend.results.tables import Table
@@ -125,6 +126,7 @@ __all__ = [
     "Posterior",
     "Preload",
     "Pressure",
+    "PricedWay",
     "Problem",
     "ProblemFunction",
     "Quantile",
@@ -154,8 +156,10 @@ __all__ = [
     "TruncationWarning",
     "Uniform",
     "UserLaw",
+    "Ways",
     "assemble",
     "calibrate",
+    "compare_ways",
     "discretisation_error",
     "errors",
     "export",

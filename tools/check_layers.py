@@ -118,7 +118,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "meeting",
         "assemble",
     ),
-    "plan": ("random_laws", "ties", "reduction", "cost", "coarse", "plan"),
+    "plan": ("random_laws", "ties", "reduction", "cost", "price", "coarse", "plan", "ways"),
     "kernel": (
         "user_laws",
         "motions",
@@ -182,10 +182,12 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "mesh_error",
         "errors",
         "points",
+        "by_points",
         "adaptive",
         "levels",
         "finer",
         "zones",
+        "judged",
         "meshes",
     ),
     "inference": (

@@ -222,6 +222,20 @@ class Substructure(OneProcess):
         """Number of unknowns n."""
         return len(self.load)
 
+    @property
+    def entries(self) -> int:
+        """Entries of K that are stored."""
+        return int(self.stiffness.getInfo()["nz_used"])
+
+    @cached_property
+    def surface(self) -> int:
+        """Nodes on exterior facets."""
+        mesh = self.part.mesh
+        d = mesh.topology.dim
+        mesh.topology.create_connectivity(d - 1, d)
+        outer = dmesh.exterior_facet_indices(mesh.topology)
+        return len(fem.locate_dofs_topological(self.space, d - 1, outer))
+
     @cached_property
     def matrix(self) -> sp.csr_matrix:
         """K as a SciPy matrix."""

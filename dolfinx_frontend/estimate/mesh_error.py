@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 from latin_core import Laws, State
@@ -33,17 +34,20 @@ from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
+from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Interest, Resultant, interest
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
 
-__all__ = ["DiscretisationError", "discretisation_error"]
+__all__ = ["DeviationError", "DiscretisationError", "deviation_error", "discretisation_error"]
 
 
 SMALL = 1e-3
 """Size of the change that gives the tangent of a nonlinear law, relative to the largest displacement."""
+MOST_MODES, MOST_VARIANCE = 6, 0.98
+"""Modes whose errors are estimated at most; the share of the variance from which on no more are."""
 TANGENT_RTOL = 1e-7
 """Tolerance of the two answers whose difference is taken for it."""
 
@@ -230,6 +234,56 @@ def discretisation_error(
         shapes,
         means,
     )
+
+
+class DeviationError(NamedTuple):
+    """Estimated error of a deviation by the meshes; see `DiscretisationError`."""
+
+    std: float
+    quantity: float
+    bound: float
+    cells: dict[str, Array]
+
+
+def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> DeviationError:
+    """Estimate what the meshes do to the deviation of a quantity, on one rank.
+
+    Each mode of a chaos is the answer to loads of its own; its error is weighted with the dual solution at
+    the means. Errors of modes are added as if none cancelled another: sqrt(sum of squares). How the
+    randomness of a stiffness changes the dual solution is left out.
+
+    Parameters
+    ----------
+    result, chaos
+        Of the same problem: with what is random at its mean, and a chaos of order 1.
+    """
+    fields = {name: _at(result, u, -1) for name, u in result.displacements.items()}
+    z = _Dual.of(result, quantity, -1, fields)
+    modes = chaos.resultant_coefficients(quantity)[1:]
+    std = float(np.sqrt(np.sum(modes**2)))
+    order = np.argsort(-(modes**2), kind="stable")
+    share = np.cumsum(modes[order] ** 2) / max(std**2, 1e-300)
+    count = min(int(np.searchsorted(share, MOST_VARIANCE)) + 1, MOST_MODES, len(modes))
+    missed = 1.0 / max(float(np.sqrt(share[count - 1])), 0.1)
+    if z is None or std == 0.0:
+        return DeviationError(std, 0.0, 0.0, {})
+    dual = z.solve()
+    sums, whole_dual = np.zeros((count, 3)), 0.0
+    cells = {}
+    for name, part in result.problem.own.substructures.items():
+        block = chaos.coefficients(name)
+        own: Array | float = 0.0
+        for row, mode in zip(sums, order[:count], strict=True):
+            u = block[..., 1 + mode]
+            by_cell = recovery(part).energies([u if u.ndim == 1 else u[-1], dual[name]])
+            row += by_cell[0, 0].sum(), by_cell[0, 1].sum(), np.sum(by_cell[0, 1] ** 2)
+            own = own + by_cell[0, 0]
+        of_dual = by_cell[1, 1]
+        cells[name] = np.sqrt(np.maximum(own * of_dual, 0.0))
+        whole_dual += float(of_dual.sum())
+    each = np.maximum(np.abs(sums[:, 1]), np.sqrt(sums[:, 2]))
+    bound = float(np.sqrt(sums[:, 0].sum() * whole_dual))
+    return DeviationError(std, missed * float(np.linalg.norm(each)), missed * bound, cells)
 
 
 @dataclass(frozen=True)

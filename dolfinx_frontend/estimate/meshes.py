@@ -11,7 +11,6 @@ mesh to mesh. The larger one is believed, and one mesh alone only if its estimat
 from __future__ import annotations
 
 import logging
-import sys
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -25,38 +24,23 @@ from latin_core import Options
 
 from dolfinx_frontend.assembly.assemble import assemble, assembled_again
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
-from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough
-from dolfinx_frontend.estimate.errors import (
-    FINEST,
-    INTERRUPTED,
-    beside_what_acts,
-    compared_with,
-    complete,
-    errors,
-    not_known,
-)
+from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with, not_known
 from dolfinx_frontend.estimate.finer import finer
+from dolfinx_frontend.estimate.judged import Judged
 from dolfinx_frontend.estimate.levels import of_two_meshes
-from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
-from dolfinx_frontend.estimate.unseen import of_crossing_chords
-from dolfinx_frontend.estimate.zones import contact_edges, places_of, soft_springs
-from dolfinx_frontend.plan.plan import Direction, Method, make_plan
+from dolfinx_frontend.estimate.zones import soft_springs
+from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
+from dolfinx_frontend.results.errors import ErrorShare
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.deterministic import solve_once
-from dolfinx_frontend.solvers.galerkin import solve_chaos
-from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = ["solve_scene"]
 
@@ -75,32 +59,11 @@ FALL = 0.1
 AIM = 0.4
 """What a step aims at, relative to what the meshes may leave: one more step costs more than a finer one."""
 
-SLOWEST, FASTEST = 0.65, 0.2
-"""Factors by which the error is taken to have fallen in one step, when its change tells what is left."""
-
-AT_EDGES = 0.6
-"""The least of these where a contact zone has an edge, or straight cells round off a face: unseen errors."""
-
-SURE = 2.0
-"""Times the estimate without cancellation that one mesh alone must be better than asked."""
-
-MARGIN = 1.5
-"""What is believed, relative to the larger witness."""
-
-FORGOTTEN = 0.4
-"""Weight of a change by those that came after it."""
-
 LOST = 1e-5
 """Share of a face that its new mesh does not cover any more, of which it is told."""
 
-OF_DEVIATION = 1.5
-"""Times the bound of the error of the mean that the one of a deviation is taken for on one mesh."""
-
 MATTERS = 0.2
 """Share of what the meshes may use from which on what is in no stress gets smaller cells."""
-
-LOST_STEPS, LOST_IN = 3, 0.01
-"""Meshes after which a value is given up that is below this share of its largest, and below its error."""
 
 STEPS = 12
 
@@ -152,70 +115,21 @@ def solve_scene(
         checked_whole("solve", "max_unknowns", max_unknowns, 1)
     if max_seconds is not None:
         checked_number("solve", "max_seconds", max_seconds, above=0.0)
-    if scene.axisymmetric:
-        raise SceneError(
-            "solve(scene, accuracy=...): the error of the meshes is not estimated for axisymmetric scenes; "
-            "solve(assemble(scene), accuracy=..., meshes=False) reduces the other errors"
-        )
     search = _Meshes(scene, accuracy, quantity, max_unknowns or MOST_UNKNOWNS, max_seconds, progress)
     search.compared = compared
     return search.answer(method, times=times, active=active, direction=direction, options=options)
 
 
-class _Meshes:
-    """The search for meshes.
-
-    Attributes
-    ----------
-    scene
-        With the present meshes.
-    result
-        The answer on them, at the means of what is random.
-    share
-        Error of its meshes, as it is believed.
-    """
-
-    def __init__(
-        self,
-        scene: Scene,
-        accuracy: float,
-        quantity: Interest,
-        max_unknowns: int,
-        max_seconds: float | None,
-        progress: bool,
-    ) -> None:
-        self.scene = copy(scene)
-        self.accuracy, self.asked_for = accuracy, quantity
-        self.max_unknowns, self.max_seconds, self.shown = max_unknowns, max_seconds, progress
-        self.quantity: Wanted | None = None
-        self.compared: Compared | None = None
-        self.spread: float | None = None
-        self.result: Result | None = None
-        self.share: ErrorShare | None = None
-        self.target = accuracy
-        self.steps: list[MeshStep] = []
-        self.places: tuple[Place, ...] = ()
-        self.notes: list[str] = []
-        self.random = False
-        self.before: Problem | None = None
-        self.first: Problem | None = None
-        self.of_first: ChaosResult | None = None
-        self.chaos: ChaosResult | None = None
-        self.norms: list[float] = []
-        self.largest = 0.0
-        self.given_up = False
-        self.estimates: list[float] = []
-        self.edges: dict[str, Array] = {}
-        self.unseen: dict[str, float] = {}
-        self.stays: dict[str, float] = {}
-        self.began = perf_counter()
+class _Meshes(Judged):
+    """The search for meshes."""
 
     def answer(self, method: Method, **settings: Any) -> Result | SampleResult:
         """The answer on meshes that fit; after Ctrl-C the last one that there is."""
         try:
             self._adapt(method, **settings)
             assert self.result is not None
-            problem = self.result.problem
+            problem = self.problem
+            assert problem is not None
             if RandomLaws.of(problem).every:
                 found = self._on_two_meshes(method, settings) or solve_to_accuracy(
                     problem,
@@ -237,6 +151,9 @@ class _Meshes:
                 discretisation=self.share,
                 notes=(INTERRUPTED,),
             )
+            if self.acting:
+                values = ", ".join(f"{k} = {v:.4g}" for k, v in self.acting.items() if isinstance(v, float))
+                self.notes.append(f"the answer is that at {values or 'other values of random loads'}")
             found = self.result.with_notes(found=made)
         made = found.errors()
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
@@ -248,14 +165,19 @@ class _Meshes:
         if known is None or last is None or first is None or not isinstance(self.quantity, Resultant):
             return None
         assert self.result is not None
-        if last.problem is not self.result.problem:
+        if last.problem is not self.problem:
             return None
         return of_two_meshes(first, last, self.accuracy, self.quantity, known, method, settings)
 
     def _of_random(self) -> ErrorShare | None:
         """The error of the meshes, for an answer with a deviation."""
         share = self.share
-        return None if share is None else replace(share, how=f"{share.how}, at the means of what is random")
+        if share is None:
+            return None
+        where = "at the means and mode by mode" if self.by_modes else "at the means of what is random"
+        if self.acting:
+            where = "where random loads are one deviation off their means"
+        return replace(share, how=f"{share.how}, {where}")
 
     def _adapt(self, method: Method, **settings: Any) -> None:
         """Solve on finer and finer meshes."""
@@ -326,274 +248,6 @@ class _Meshes:
                     "that are left are free, and count as that much of an error"
                 )
         return scene, problem
-
-    def _solve(
-        self, problem: Problem, changed: dict[str, str], method: Method, options: Options, **settings: Any
-    ) -> None:
-        """Solve on the present meshes, and measure."""
-        before = self.result
-        plan = make_plan(problem, method, vary=(), options=options, **settings)
-        result = solve_once(
-            problem, plan, estimator=errors, before=before, progress=self.shown
-        )
-        complete(result)
-        if not self.steps:
-            self.quantity, notes = beside_what_acts(result, self.quantity)
-            self.notes += notes
-        found = self._measured(result)
-        self.result = result
-        beside = isinstance(self.quantity, Resultant) and self.quantity.compared.deviation
-        if self.random and beside and not self.steps:
-            self.of_first = self._first_chaos(problem, method, options, settings)
-            self.spread = self.of_first.mean_std(self.quantity).std
-        value = None if self.quantity is None else result.mean_std(self.quantity).mean
-        self.norms.append(found.norm)
-        self.largest = max(self.largest, abs(value or 0.0))
-        of_quantity = isinstance(self.quantity, Resultant) and found.quantity is not None
-        if of_quantity:
-            size = self._size(value)
-            estimate = share_of(found.quantity or 0.0, size)
-            sure = share_of(found.bound or 0.0, size)
-        else:
-            estimate = sure = found.energy if self.quantity is None else np.nan
-        self._count_unseen(found, value)
-        of_unseen, stays = sum(self.unseen.values()), sum(self.stays.values())
-        estimate, sure = estimate + of_unseen, sure + of_unseen + stays
-        self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
-        # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
-        self.edges, unresolved = contact_edges(result)
-        seen = self._change(value)
-        said, how = estimate, "recovered stresses"
-        if self.quantity is not None and not of_quantity:
-            said, how = seen, "the change from mesh to mesh"
-        elif isfinite(seen) and seen > estimate:
-            said, how = seen, "the change from mesh to mesh"
-        elif not self.steps and not SURE * sure <= self.target:
-            how = "recovered stresses; no second mesh confirms it"
-        self.rest = MARGIN * said
-        said = MARGIN * (said + stays)
-        if stays > 0.5 * said:
-            how = f"straight cells on round faces of {max(self.stays, key=lambda n: self.stays[n])}"
-        absolute = None if value is None else said * self._size(value)
-        energy = said if self.quantity is None else MARGIN * found.energy
-        self.sure = sure
-        self.share = ErrorShare(energy, absolute, None, how)
-        self.places = places_of(result.problem, found)
-        kept = (sum(bool(cost["kept"]) for cost in result.solver.costs), len(result.solver.costs))
-        seconds = perf_counter() - self.began
-        step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
-        self.steps.append(step)
-        # nor is the shape of a part whose cells turn by more than 45 degrees, nor all that means leave out
-        enough = SURE * (OF_DEVIATION if self.random else 1.0)
-        means = any(
-            each.space != "points" and len(each.sides) == 2 and each.law.prescribes is None
-            for each in problem.interfaces.values()
-        )
-        alone = enough * sure <= self.target and not (self.edges or means or self._of_chords())
-        self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
-        self.cells = found.cells
-        self.said = said
-        line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
-        _log.info("%s", line)
-        if self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
-            print(line, file=sys.stderr)
-
-    def _count_unseen(self, found: DiscretisationError, value: float | None) -> None:
-        """Relative errors that recovered stresses do not show: of what finer meshes make smaller, and of the
-        chords of parts whose cells can only be cut, which stay."""
-        whole = 1.0 if self.quantity is None or value is None else self._size(value)
-        if found.quantity is None and self.quantity is not None:
-            whole = 1.0  # guided by the energy
-        if not self.steps:
-            assert self.result is not None
-            for name, each in of_crossing_chords(self.result.problem).items():
-                if not getattr(self.scene.substructures[name].part, "again", None):
-                    self.stays[f"part {name!r}"] = each
-        self.unseen = {f"interface {name!r}": share_of(e, whole) for name, e in found.means.items()}
-        for name, error in found.round.items():
-            each, where = share_of(error, whole), f"part {name!r}"
-            if getattr(self.scene.substructures[name].part, "again", None):
-                self.unseen[where] = each
-            else:  # as on the first mesh: pieces of a chord do not turn
-                if not self.steps:
-                    self.stays[where] = self.stays.get(where, 0.0) + each
-
-    def _measured(self, result: Result) -> DiscretisationError:
-        if isinstance(self.quantity, Resultant):
-            try:
-                return discretisation_error(result, self.quantity)
-            except SceneError as error:
-                note = f"the energy guides the meshes: {str(error).splitlines()[0]}"
-                if note not in self.notes:
-                    self.notes.append(note)
-        return discretisation_error(result)
-
-    def _size(self, value: float | None) -> float:
-        """What an error is relative to: of a deviation, which the first chaos tells, too."""
-        assert self.quantity is not None
-        std = None
-        if self.quantity.compared.deviation and self.spread is not None:
-            std = self.spread
-        return self.quantity.compared.size(value or 0.0, std)
-
-    def _least(self, share: float) -> float:
-        """A deviation that is nothing beside the mean, or beside what it is compared with."""
-        assert self.quantity is not None
-        return max(share * abs(self.steps[-1].value or 0.0), self.quantity.compared.least)
-
-    def _change(self, value: float | None) -> float:
-        """What the changes from mesh to mesh say of the error that is left; NaN: there is one mesh only.
-
-        Changes before the last count as far as the error has fallen since: one change may be small by chance.
-        """
-        if not self.steps:
-            return np.nan
-        if value is None:
-            squares = np.array(self.norms) ** 2
-            changes = np.sqrt(np.abs(np.diff(squares)) / max(squares[-1], 1e-300))
-        else:
-            values = np.array([*(step.value for step in self.steps), value], dtype=np.float64)
-            changes = np.array([share_of(each, self._size(value)) for each in np.diff(values)])
-        falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
-        falls = np.clip(falls, self._fastest(), SLOWEST)
-        left, since = 0.0, 1.0
-        for change, fall in zip(changes[::-1], falls[::-1], strict=True):
-            since *= fall if since == 1.0 else fall * FORGOTTEN
-            of_one = since / np.sqrt(1.0 - fall**2) if value is None else since / (1.0 - fall)
-            left = max(left, float(change * of_one))
-        return left
-
-    def _fastest(self) -> float:
-        """The least factor by which an error is taken to fall: what is unseen need not do as an estimate."""
-        return AT_EDGES if self.edges else FASTEST
-
-    def _of_chords(self) -> list[str]:
-        """Parts of straight cells that may have another shape."""
-        return [
-            name
-            for name, spec in self.scene.substructures.items()
-            if getattr(spec.part, "again", None) and coordinate_map(spec.part.mesh).degree == 1
-        ]
-
-    def _fits(self) -> bool:
-        assert self.result is not None
-        if not self.result.converged:
-            self.notes.append(f"the meshes were not carried on: the iteration ended as {self.result.status}")
-            return True
-        if MARGIN * sum(self.stays.values()) > self.target and self.rest <= self.said - self.rest:
-            worst = max(self.stays, key=lambda n: self.stays[n])
-            self.notes.append(
-                f"{worst}: its straight cells stay on the chords of a round face, which leave "
-                f"{self.stays[worst]:.2g}, more than asked; give a part that can be meshed again "
-                "(geometry.remeshable), or curved cells"
-            )
-            return True
-        if self._cannot_be_told():
-            return self._as_far_as_it_acts()
-        return self.said <= self.target and self.confirmed
-
-    def _cannot_be_told(self) -> bool:
-        """Whether the value is lost in its own error on mesh after mesh: it may be 0."""
-        if self.quantity is None or len(self.steps) < LOST_STEPS:
-            return False
-        values = [abs(step.value or 0.0) for step in self.steps[-LOST_STEPS:]]
-        if min(values) > LOST_IN * max(self.largest, *values) or not self.said > 1.0:
-            return False
-        return True
-
-    def _as_far_as_it_acts(self) -> bool:
-        """Whether the error of a value that may be 0 is small beside what acts; else it is given up."""
-        assert self.result is not None and self.share is not None
-        why = f"cannot be told from 0 (+- {self.share.quantity:.1g})"
-        quantity, notes = beside_what_acts(self.result, self.quantity, LOST_IN, why)
-        if not notes:
-            self.notes.append(
-                f"the value {self.steps[-1].value:.2g} {why}: no error is small relative to it; say what "
-                "matters with absolute=, in its unit"
-            )
-            self.given_up = True
-            return True
-        before = self._size(self.steps[-1].value)
-        self.quantity = quantity
-        share = before / self._size(self.steps[-1].value)
-        self.notes += notes
-        self.said, self.rest, self.sure = (share * each for each in (self.said, self.rest, self.sure))
-        self.estimates = [share * each for each in self.estimates]
-        self.steps[-1] = self.steps[-1]._replace(error=self.said)
-        return self.said <= self.target and self.confirmed
-
-    def _deviation_fits(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
-        """Whether the deviation, of a chaos of order 1, has changed as little since an earlier mesh."""
-        assert self.result is not None and self.share is not None
-        if not isinstance(self.quantity, Resultant) or not self.result.converged:
-            return True
-        if self.before is None:
-            return self._deviation_alone(method, options, settings)
-        try:
-            if self.of_first is None:
-                assert self.first is not None
-                self.of_first = self._first_chaos(self.first, method, options, settings)
-            old, self.chaos = self.chaos, self._first_chaos(self.result.problem, method, options, settings)
-            # the first mesh is the cheapest one, and tells enough if little has changed since
-            left = self._left_of_std(self.of_first, 0)
-            if left > self.target * (self.chaos.mean_std(self.quantity).std or 0.0):
-                if old is None or old.problem is not self.before:
-                    old = self._first_chaos(self.before, method, options, settings)
-                left = min(left, self._left_of_std(old, len(self.steps) - 2))
-        except SceneError as error:
-            self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
-            return True
-        std = self.chaos.mean_std(self.quantity).std or 0.0
-        left = max(left, self.said * std)
-        self.share = replace(self.share, std=left)
-        # of a deviation that is nothing beside the mean: relative to that
-        self.said = max(self.said, share_of(left, max(std, self._least(1e-9))))
-        self.steps[-1] = self.steps[-1]._replace(error=self.said)
-        return self.said <= self.target
-
-    def _left_of_std(self, old: ChaosResult, mesh: int) -> float:
-        """What the change of the deviation since an earlier mesh, by its number, says of what is left."""
-        assert self.chaos is not None and isinstance(self.quantity, Resultant)
-        before, after = (each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos))
-        least = self._fastest() ** (len(self.steps) - 1 - mesh)
-        fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, SLOWEST))
-        return MARGIN * abs(after - before) * fall / (1.0 - fall)
-
-    def _deviation_alone(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
-        """Whether one mesh alone is good enough for a deviation, too: of that no estimate is made, and it is
-        taken for little worse than a bound of the error of the mean."""
-        assert self.result is not None and self.share is not None and isinstance(self.quantity, Resultant)
-        try:
-            self.chaos = self._first_chaos(self.result.problem, method, options, settings)
-        except SceneError as error:
-            self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
-            return True
-        std = self.chaos.mean_std(self.quantity).std or 0.0
-        of_std = max(self.said, OF_DEVIATION * self.sure)
-        self.share = replace(self.share, std=of_std * std)
-        self.said = max(self.said, of_std)
-        self.steps[-1] = self.steps[-1]._replace(error=self.said)
-        return self.said <= self.target
-
-    def _first_chaos(
-        self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
-    ) -> ChaosResult:
-        """The chaos of order 1 on some meshes."""
-        assert isinstance(self.quantity, Resultant)
-        active = settings.get("active")
-        if active is None and self.quantity.interface not in RandomLaws.of(problem).interfaces:
-            active = [self.quantity.interface]
-        chaos = solve_chaos(
-            problem,
-            Chaos(order=1, check_points=0),
-            method,
-            options=options,
-            progress=self.shown,
-            estimator=errors,
-            **{**settings, "active": active},
-        )
-        complete(chaos)
-        return chaos
 
     def _finer(self, problem: Problem) -> tuple[Scene, dict[str, str]] | None:
         """The scene with its next meshes, and what was changed; None: it ends, and a note says why."""

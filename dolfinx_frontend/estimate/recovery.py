@@ -22,7 +22,7 @@ from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_frontend.assembly.elements import coordinate_element, quadrature, tabulate
-from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.substructure import Substructure, ring
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
@@ -33,6 +33,8 @@ __all__ = ["Recovery", "recovery"]
 SIMPLICES = ("triangle", "tetrahedron")
 POINTS_A_TERM = 1.5
 """Points that a fit needs for each term of its polynomial."""
+AXIS = 1e-9
+"""Radius relative to that of the cell's other end below which a corner is on the axis."""
 CHUNK = 2_000_000
 """Numbers in the fits that are computed at once."""
 
@@ -85,12 +87,6 @@ class Recovery:
     """
 
     def __init__(self, part: Substructure) -> None:
-        if part.around:
-            raise SceneError(
-                f"part {part.name!r}: the error of the meshes is not estimated for axisymmetric parts yet; "
-                "compare two "
-                "meshes, and give meshes=False to solve(accuracy=...)"
-            )
         self.part = part
         mesh, space = part.part.mesh, part.space
         self.element = space.element.basix_element
@@ -250,9 +246,10 @@ class Recovery:
 
     def products(self, u: Array, z: Array) -> Array:
         """(cells,) a(u, z) of solutions (n,) themselves, force * length."""
-        form, (g, w, h, v), place = self._form
+        form, (_, w, _, v), place = self._whole if self.part.around else self._form
         w.x.array[:], v.x.array[:] = u, z
-        g.x.array[:] = h.x.array[:] = 0.0
+        for each in self._form[1][::2]:
+            each.x.array[:] = 0.0
         return np.asarray(fem.assemble_vector(form).array[place])
 
     def volumes(self) -> Array:
@@ -276,8 +273,9 @@ class Recovery:
         integrand = part.integrand(w, v)
         if not isinstance(integrand, ufl.Form):
             order = int(coordinate_map(mesh).degree)
-            integrand = integrand * ufl.dx(domain=mesh, degree=2 * (self.degree + order - 1))
-        # terms with values instead of gradients are of higher order
+            if part.around:
+                integrand = ring(mesh) * integrand
+            integrand = integrand * ufl.dx(domain=mesh, degree=2 * (self.degree + order - 1) + part.around)
         constants = fem.functionspace(mesh, ("DG", 0))
         one = ufl.TestFunction(constants)
         of_cells = ufl.Form(
@@ -288,6 +286,29 @@ class Recovery:
             ]
         )
         lowered = apply_derivatives(apply_algebra_lowering(of_cells))
-        swap = {ufl.grad(w): g - ufl.grad(w), ufl.grad(v): h - ufl.grad(v), w: 0 * w, v: 0 * v}
+        errors = (g - ufl.grad(w), h - ufl.grad(v))
+        # terms with values instead of gradients are of higher order
+        swap = {ufl.grad(w): errors[0], ufl.grad(v): errors[1]}
+        swap |= {w: self._value(errors[0]), v: self._value(errors[1])}
         place = np.asarray(constants.dofmap.list, dtype=np.int64).ravel()
+        self._lowered = lowered
         return fem.form(ufl.replace(lowered, swap)), (g, w, h, v), place
+
+    @cached_property
+    def _whole(self) -> tuple[Any, tuple[Any, Any, Any, Any], Ints]:
+        """The same of solutions themselves, with the hoop strain."""
+        _, fields, place = self._form
+        return fem.form(self._lowered), fields, place
+
+    def _value(self, error: Any) -> Any:
+        """The error of a displacement, UFL (d,), where terms with values count: in cells on the axis of a
+        body of revolution, where u_r / r is another slope."""
+        if not self.part.around:
+            return ufl.zero(self.dim)
+        mesh = self.part.part.mesh
+        r = ufl.SpatialCoordinate(mesh)[0]
+        on_axis = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+        corners = self.x[self.nodes][:, : self.corner.shape[1], 0]
+        reach = corners.max(axis=1)
+        on_axis.x.array[:] = corners.min(axis=1) <= AXIS * reach
+        return ufl.as_vector((on_axis * r * error[0, 0], 0.0))

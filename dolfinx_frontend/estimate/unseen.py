@@ -170,6 +170,14 @@ def of_crossing_chords(problem: Problem) -> dict[str, float]:
     return out
 
 
+def extent(problem: Problem, interface: Interface, side: int = 0) -> float:
+    """Area of a side, or length in 2D: of an axisymmetric one its length in the section."""
+    area = interface.sides[side].area
+    if not problem.parts[interface.sides[side].substructure].around:
+        return float(area)
+    return float(area / (2.0 * np.pi * np.average(interface.points[:, 0])))
+
+
 def of_springs(problem: Problem, fields: Mapping[str, Array], duals: Mapping[str, Array]) -> dict[str, float]:
     """Interface of linear springs on means -> what these leave out of the quantity, in its unit, >= 0."""
     out = {}
@@ -200,7 +208,7 @@ def of_springs(problem: Problem, fields: Mapping[str, Array], duals: Mapping[str
         left = both - _energy(interface, stiffness, fields, duals)
         # stiff springs follow the cells instead: what they leave out is then less than this says
         count = max(len(np.unique(interface.facets)), 1)
-        size = (interface.area / count) ** (1.0 / max(interface.dim - 1, 1))
+        size = (extent(problem, interface) / count) ** (1.0 / max(interface.dim - 1, 1))
         modulus = min(problem.parts[side.substructure].modulus for side in interface.sides)
         stiff = float(stiffness.max(initial=0.0)) * size / modulus
         out[name] = abs(left) / (1.0 + (stiff / STIFF) ** 2)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes
-from dolfinx_frontend.estimate.mesh_error import DiscretisationError
+from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.results.errors import Place
 from dolfinx_frontend.results.result import Result
@@ -44,8 +46,8 @@ def soft_springs(scene: Scene, problem: Problem) -> list[str]:
         if law.elimination is not Elimination.SPRINGS or law.unilateral or not law.linear:
             continue
         first, second = (len(_facets(problem, side.substructure, side.face)) for side in interface.sides)
-        size = (interface.area / first) ** (1.0 / (interface.dim - 1))
-        other = (interface.sides[1].area / second) ** (1.0 / (interface.dim - 1))
+        size = (extent(problem, interface) / first) ** (1.0 / (interface.dim - 1))
+        other = (extent(problem, interface, 1) / second) ** (1.0 / (interface.dim - 1))
         if np.any(interface.chords):
             continue  # points on one polygon are not on the other
         if size > COARSER * other:
@@ -87,18 +89,18 @@ def contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
     return out, unresolved
 
 
-def places_of(problem: Problem, found: DiscretisationError) -> tuple[Place, ...]:
+def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]:
     """Parts by what their cells contribute, the largest first; those below a hundredth are left out."""
-    sums = {name: float(each.sum()) for name, each in found.cells.items()}
+    sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
     out = []
     for name in sorted(sums, key=lambda n: -sums[n]):
         if not sums[name] > 0.01 * total:
             break
         mesh = problem.substructures[name].part.mesh
-        worst = int(found.cells[name].argmax())
+        worst = int(cells[name].argmax())
         nodes = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[worst], : mesh.geometry.dim]
         at = tuple(float(v) for v in nodes.mean(axis=0))
         size = float(cell_sizes(mesh).min())
-        out.append(Place(name, sums[name] / total, at, len(found.cells[name]), size))
+        out.append(Place(name, sums[name] / total, at, len(cells[name]), size))
     return tuple(out)

@@ -1,10 +1,10 @@
 """What a plan will cost, in operations and bytes, before anything is factorised.
 
-The model has two measured constants: a sparse Cholesky factor of a three-dimensional part with n
-unknowns holds about 15 n^(4/3) numbers (10 for walls of one or two cells, 22 for a cube), one of a
-two-dimensional part about 6 n log2 n; it takes about 1.3 / n times the square of that in operations.
-So numbers are right within a factor of two and operations, for walls ordered on their nodes, up to 2.5
-times too many, which is enough to choose between dense and sparse, few and many columns.
+The model has two measured constants: a sparse Cholesky factor of a three-dimensional part with n unknowns
+holds about 28 n^(4/3) numbers if it is a cube, 10 if it is a wall of one or two cells (its share of nodes on
+the surface tells which it is), one of a two-dimensional part about 6 n log2 n; it takes about 1.3 / n times
+the square of that in operations. Numbers are right within a factor of two, walls of one cell 2.5 times too
+many.
 """
 
 from __future__ import annotations
@@ -17,11 +17,26 @@ from typing import NamedTuple
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import exchanged
+from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.plan.reduction import members_of_bodies
 from latin_core import Options
 
-__all__ = ["Cost", "blocks_fit", "interface_unknowns", "newton_is_dense", "predict", "shown"]
+__all__ = [
+    "BYTES_OF_ENTRY",
+    "Body",
+    "Cost",
+    "blocks_fit",
+    "bodies_of",
+    "interface_unknowns",
+    "newton_is_dense",
+    "predict",
+    "shown",
+]
 
+_FILL_OF_CUBE, _LEAST_FILL = 28.0, 10.0
+"""Numbers in the factor of a three-dimensional part over n^(4/3): of a cube, and of thin walls at least."""
+_SURFACE_OF_CUBE, _POWER_OF_SURFACE = 5.4, 2.2
+"""Nodes on the surface over (all nodes)^(2/3), of a cube; how the fill falls with what others have more."""
 _DIRECTIONS = 120
 """Directions that the kernel's ``Subspace`` keeps at most."""
 _BLOCKS_BESIDE_NEWTON = 10.0
@@ -85,12 +100,18 @@ def _removed(interface: Interface) -> int:
     return len(interface.sides[0].nodes) * interface.law.removed(interface.dim)
 
 
-class _Body(NamedTuple):
-    """A body after reduction: its unknowns, the active ones, and the numbers in its sparse factor."""
+class Body(NamedTuple):
+    """A body after reduction: its unknowns, the active ones, numbers in its sparse factor and its matrix."""
 
     unknowns: int
     active: int
     entries: float
+    matrix: int
+
+    @property
+    def flops(self) -> float:
+        """Operations of the factorisation."""
+        return 1.3 * self.entries**2 / self.unknowns
 
     def condensed(self, options: Options) -> bool:
         """Whether the kernel applies a dense factor on the active unknowns (as in its ``body.cpp``)."""
@@ -101,9 +122,17 @@ class _Body(NamedTuple):
         return options.operator == "condensed" or automatic
 
 
-def _bodies(problem: Problem, kept: tuple[str, ...]) -> Iterator[_Body]:
+def _fill(part: Substructure) -> float:
+    """Unknowns of a part times the numbers in its factor over n^(4/3)."""
+    surface = part.surface / (part.size / part.dim) ** (2 / 3)
+    of_shape = _FILL_OF_CUBE * (_SURFACE_OF_CUBE / surface) ** _POWER_OF_SURFACE
+    return float(part.size * max(of_shape, _LEAST_FILL))
+
+
+def bodies_of(problem: Problem, kept: tuple[str, ...]) -> Iterator[Body]:
+    """The bodies that are left if all interfaces but those kept are eliminated."""
     for group in members_of_bodies(problem, set(problem.interfaces).difference(kept)):
-        n = sum(problem.substructures[name].size for name in group)
+        n = whole = sum(problem.substructures[name].size for name in group)
         on_body: set[tuple[str, int]] = set()
         for name, interface in problem.interfaces.items():
             mine = [s for s in interface.sides if s.substructure in group]
@@ -113,8 +142,13 @@ def _bodies(problem: Problem, kept: tuple[str, ...]) -> Iterator[_Body]:
             elif mine:
                 n -= _removed(interface)
         n = max(n, 1)
-        entries = 15.0 * n ** (4 / 3) if problem.dim == 3 else 6.0 * n * max(log2(n), 1.0)
-        yield _Body(n, min(problem.dim * len(on_body), n), entries)
+        active = min(problem.dim * len(on_body), n)
+        matrix = sum(problem.substructures[name].entries for name in group)
+        entries = 6.0 * n * max(log2(n), 1.0)
+        if problem.dim == 3:
+            entries = sum(_fill(problem.substructures[name]) for name in group) * (n / whole) * n ** (1 / 3)
+            entries += 0.5 * float(active) ** 2
+        yield Body(n, active, entries, matrix)
 
 
 def interface_unknowns(problem: Problem, active: Iterable[str]) -> int:
@@ -126,7 +160,7 @@ def interface_unknowns(problem: Problem, active: Iterable[str]) -> int:
 def blocks_fit(problem: Problem, active: Iterable[str], options: Options) -> bool:
     """Whether the dense block of every body on its active unknowns is within the memory limit."""
     limit = options.memory_limit
-    return limit <= 0 or all(8.0 * float(b.active) ** 2 <= limit for b in _bodies(problem, tuple(active)))
+    return limit <= 0 or all(8.0 * float(b.active) ** 2 <= limit for b in bodies_of(problem, tuple(active)))
 
 
 def newton_is_dense(problem: Problem, active: Iterable[str], options: Options) -> bool:
@@ -135,7 +169,7 @@ def newton_is_dense(problem: Problem, active: Iterable[str], options: Options) -
     kept = tuple(active)
     size = 8.0 * float(interface_unknowns(problem, kept)) ** 2
     here = tuple(name for name in kept if name in problem.own.interfaces)
-    condensed = all(body.condensed(options) for body in _bodies(problem.own, here) if body.active)
+    condensed = all(body.condensed(options) for body in bodies_of(problem.own, here) if body.active)
     if problem.comm is not None:
         condensed = all(exchanged(problem.comm, condensed))
     return condensed and (options.memory_limit <= 0 or size <= options.memory_limit)
@@ -168,11 +202,12 @@ def predict(
         Unknowns of the interfaces of all ranks where it has their dense flexibility, else 0.
     """
     kept = tuple(active)
-    unknowns = touched = rows = 0
+    unknowns = touched = rows = matrices = 0
     numbers = flops = products = blocks = of_newton = 0.0
-    for body in _bodies(problem, kept):
+    for body in bodies_of(problem, kept):
         numbers += body.entries
-        flops += 1.3 * body.entries**2 / body.unknowns
+        flops += body.flops
+        matrices += body.matrix
         block = float(body.active) ** 2
         block = min(block, 4.0 * body.entries)  # else the sparse factor is applied
         blocks += block
@@ -210,14 +245,13 @@ def predict(
         iteration_flops=columns * (products + rows * (20.0 + 4.0 * depth)) if rows else 0.0,
         iteration_bytes=8.0 * products / 2.0 + history if rows else 0.0,
         memory=8.0 * (numbers + blocks + of_newton) + history,
-        direct=8.0 * (numbers + blocks + of_newton) + history + _OPERATOR * unknowns,
+        direct=8.0 * (numbers + blocks + of_newton) + history + BYTES_OF_ENTRY * matrices,
         multigrid=_multigrid(problem, unknowns, columns) + history,
     )
 
 
-_OPERATOR = 1e3
-"""Bytes an unknown of the matrix that is factorised, in two orders (lower triangles of some 80 entries a
-row)."""
+BYTES_OF_ENTRY = 20.0
+"""Bytes for an entry of the matrices of parts that are factorised (lower triangles, in two orders)."""
 _ROW = 960.0
 """Bytes a row of the whole matrix."""
 _FIELDS = 70

@@ -38,6 +38,7 @@ from dolfinx_frontend.plan.cost import (
     predict,
     shown,
 )
+from dolfinx_frontend.plan.price import Price, Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
@@ -55,6 +56,7 @@ __all__ = [
     "check_problem",
     "check_settings",
     "make_plan",
+    "plan_for",
     "plan_of_random",
 ]
 
@@ -180,6 +182,8 @@ class Plan:
         Parts with a random field in their stiffness.
     cost
         Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
+    price
+        Predicted processor time and memory of the run as a whole, in direct solves, too.
     """
 
     method: Literal["direct", "accelerated", "latin"]
@@ -200,6 +204,7 @@ class Plan:
     load_means: tuple[float, ...] = ()
     scaled: tuple[str, ...] = ()
     fields: tuple[str, ...] = ()
+    price: Price | None = None
 
     def __post_init__(self) -> None:
         locked(self)
@@ -380,23 +385,11 @@ def _one_column(problem: Problem) -> str:
     return "nothing is random and no law has a history"
 
 
-def plan_of_random(
-    where: str, random: RandomLaws, given: Plan | None, modes: int | None = None, **settings: Any
-) -> Plan:
-    """A given plan that keeps what is random, or one made for it with the settings of :func:`make_plan`.
-
-    `modes` are those of a chaos; None: one set of values at a time.
-
-    Raises
-    ------
-    SceneError
-        The given one eliminates something random.
-    """
-    if given is not None:
-        check_keeps(where, given, random.interfaces, random.loads, random.parts)
-        return given
-    if modes is not None:
-        settings |= {"random": random, "columns": modes}
+def plan_for(random: RandomLaws, way: Way, **settings: Any) -> Plan:
+    """The plan of a way to moments, with the settings of :func:`make_plan`; it need not fit."""
+    settings["way"] = way._replace(random=random)
+    if way.modes:
+        settings |= {"random": random, "columns": way.modes}
     return make_plan(
         random.problem,
         vary=random.interfaces,
@@ -405,6 +398,31 @@ def plan_of_random(
         fields=random.fields,
         **settings,
     )
+
+
+def plan_of_random(
+    where: str, random: RandomLaws, given: Plan | None, way: Way, **settings: Any
+) -> Plan:
+    """A given plan that keeps what is random, or one made for it with the settings of :func:`make_plan`.
+
+    Raises
+    ------
+    SceneError
+        The given one eliminates something random, or the way needs more memory than there is.
+    """
+    if given is not None:
+        check_keeps(where, given, random.interfaces, random.loads, random.parts)
+        return given
+    plan = plan_for(random, way, **settings)
+    free = available_memory() if random.problem.comm is None else np.inf  # ranks would not decide alike
+    price = plan.price
+    if price is not None and price.memory > _SURE * free and plan.options.backend != "multigrid":
+        what = f"{way.modes} modes" if way.modes else f"{way.points} points"
+        raise SceneError(
+            f"{where}: {what} need about {shown(price.memory, 'B')}, and {shown(free, 'B')} are free: take "
+            "fewer of them; compare_ways(problem) says what fits"
+        )
+    return plan
 
 
 @together("plan")
@@ -421,6 +439,7 @@ def make_plan(
     loads: Iterable[LoadTerm] = (),
     scaled: Iterable[str] = (),
     fields: Mapping[str, DiscretisedField] | None = None,
+    way: Way | None = None,
 ) -> Plan:
     """Decide what is modelled.
 
@@ -450,6 +469,8 @@ def make_plan(
         Parts whose stiffness varies by a factor: what joins them to others stays active.
     fields
         Parts with a random field in their stiffness: what joins them to others may be eliminated.
+    way
+        Modes or points, of which the price is told; None: of one solution.
 
     Raises
     ------
@@ -517,6 +538,9 @@ def make_plan(
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
+    of_way = way or Way(random, columns if random is not None else 0)
+    total = price(problem, here, cost.rows, options, of_way, steps, bool(macro))
+    decisions.append(_of_price(total, of_way))
     _log.info("plan: %s, %d columns, active: %s; %s", chosen, columns, ", ".join(kept) or "nothing", cost)
     return Plan(
         chosen,
@@ -537,7 +561,17 @@ def make_plan(
         tuple(sum(n.mean for n in problem.numbers_of(term)) for term in varied),
         factors,
         tuple(fields or ()),
+        total,
     )
+
+
+def _of_price(total: Price, way: Way) -> Decision:
+    """What the run costs as a whole."""
+    what = f"{way.points} points" if way.points else f"{way.modes} modes" if way.modes else "one solution"
+    known = "as all laws are linear, within a factor of two"
+    if not total.sure:
+        known = "a nonlinear law may take more or fewer iterations than most do"
+    return Decision("price", str(total), f"{what}; {known}")
 
 
 def _backend(

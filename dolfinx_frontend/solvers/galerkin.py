@@ -42,6 +42,7 @@ from dolfinx_frontend.plan.plan import (
     check_problem,
     plan_of_random,
 )
+from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.accuracy import accuracy_of_run
 from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
@@ -505,7 +506,7 @@ def planned(
         active=active,
         direction=direction,
         options=options,
-        modes=len(basis),
+        way=Way(None, len(basis), chaos.order, chaos.check_points),
         times=times,
     )
     return Planned(random, chaos, basis, plan)
@@ -741,7 +742,7 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
         active=old.active,
         direction=old.direction,
         options=old.options.with_(rtol=rtol),
-        modes=len(basis),
+        way=Way(None, len(basis), chaos.order, chaos.check_points),
         times=old.times,
     )
     steps = result.steps

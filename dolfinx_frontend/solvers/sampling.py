@@ -41,6 +41,7 @@ from dolfinx_frontend.plan.plan import (
     check_settings,
     plan_of_random,
 )
+from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
@@ -146,6 +147,7 @@ def sample(
             "sampling",
             random,
             plan,
+            Way(points=len(np.atleast_1d(germs))),
             method=method,
             active=active,
             direction=direction,

@@ -55,6 +55,7 @@ from dolfinx_frontend import (
     UserLaw,
     assemble,
     calibrate,
+    compare_ways,
     geometry,
     load,
     make_plan,
@@ -181,6 +182,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
     scene = scene_of(Elastic(normal=k, tangential=k))
     problem = assemble(scene)
     plan = make_plan(problem, active="all")
+    ways = compare_ways(problem, chaos=(2,))
     result = solve(problem, active="all")
     still = assemble(scene_of(Elastic(normal=30.0, tangential=10.0)))
     history = solve(still, times=list(MANY[1:20]), active="all")
@@ -206,6 +208,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(chaos.at([[0.0]]), chaos.truncation("layer"), samples, samples.points, swept, swept.points),
         *(load(tmp_path_factory.getbasetemp() / "public0" / "a.h5"), quantity, quantity.mean()),
         stochastic.RandomLaws.of(problem),
+        *(ways, ways["chaos=2"], plan.price),
         *questions(problem),
         report(result, pictures=False, errors=False),
         DistributionFit("k", 9, (Candidate("normal", None, 1.0, 0.1, 3.0, 3.5, 0.4, 0.3),), ("few values",)),

@@ -351,11 +351,6 @@ def test_what_a_scene_cannot_be_asked() -> None:
         solve(scene, accuracy=1e-2, max_unknowns=0)
     with pytest.raises(SceneError, match=r"solve\(scene, accuracy=...\)"):
         solve(assemble(scene), accuracy=1e-2, max_unknowns=1000)
-    with pytest.raises(SceneError, match="axisymmetric"):
-        round_scene = Scene(axisymmetric=True)
-        round_scene.substructure("disc", geometry.box((1.0, 1.0), (2, 2)), STEEL)
-        round_scene.fix("disc:y0")
-        solve(round_scene, accuracy=1e-2)
 
 
 def test_the_example_of_the_documentation(capsys: pytest.CaptureFixture[str]) -> None:
