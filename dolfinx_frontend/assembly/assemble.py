@@ -39,6 +39,7 @@ from dolfinx_frontend.assembly.ranks import (
 from dolfinx_frontend.assembly.relief import Relief, supports
 from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
+from dolfinx_frontend.assembly.stretch import with_cells
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
 from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
@@ -48,7 +49,6 @@ from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
-from dolfinx_frontend.scene.values import is_random_field, is_uncertain
 
 __all__ = ["assemble", "assembled_again"]
 
@@ -161,12 +161,6 @@ def _assemble(
         end_all_on_errors(comm)
         check_alike(comm, "assemble", _described(scene))
         bound_threads(comm.py2f())
-    uncertain = [name for name, spec in scene.substructures.items() if _uncertain_stiffness(spec)]
-    if comm is not None and uncertain:
-        raise SceneError(
-            f"substructure {uncertain[0]!r}: its stiffness is random, which works on one rank: "
-            "assemble without comm"
-        )
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank
 
@@ -217,12 +211,8 @@ def _assemble(
         return Problem(substructures, interfaces, None, loads, dict(held))
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
+    parts = with_cells(comm, parts, substructures)
     return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)), loads)
-
-
-def _uncertain_stiffness(spec: SubstructureSpec) -> bool:
-    both = (spec.stiffness, getattr(spec.material, "factor", 1.0))
-    return any(is_uncertain(each) or is_random_field(each) for each in both)
 
 
 def _described(scene: Scene) -> dict[str, object]:

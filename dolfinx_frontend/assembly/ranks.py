@@ -64,6 +64,13 @@ class PartSummary:
     """Whether it has body forces that are constant in time."""
     around: bool = False
     """Whether it is the section of a body of revolution."""
+    E: float | None = None
+    """Young's modulus of its material at the mean; None: the material has none."""
+    factor: Any = 1.0
+    """What its stiffness is multiplied with: 1, or a random number or field with the mean 1."""
+    cells: tuple[Array, Array, int] | None = field(default=None, repr=False)
+    """Of a factor that is a random field: midpoints and volumes of the cells, and their dimension, as
+    :class:`dolfinx_frontend.assembly.stretch.Stretch` has them."""
 
 
 @dataclass(frozen=True)

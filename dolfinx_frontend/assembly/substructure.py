@@ -524,6 +524,16 @@ def discretise(spec: SubstructureSpec) -> Substructure:
 
 
 def summary(s: Substructure) -> PartSummary:
+    modulus = getattr(s.material, "E", None)
     return PartSummary(
-        s.dim, s.size, s.modulus, s.length, s.volume, s.centre, bool(np.any(s.load)), s.around
+        s.dim,
+        s.size,
+        s.modulus,
+        s.length,
+        s.volume,
+        s.centre,
+        bool(np.any(s.load)),
+        s.around,
+        float(modulus) if is_real(modulus) else None,
+        s.factor,
     )

@@ -422,7 +422,8 @@ class Changes:
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
         factors = {part: (each.values[0], each.forward[0]) for part, each in parts.items()}
-        return cls(steps, len(basis), parameters, columns, {**factors, **inside})
+        here = {part: v for part, v in {**factors, **inside}.items() if part in random.problem.substructures}
+        return cls(steps, len(basis), parameters, columns, here)
 
     def applied(self, laws: Laws) -> Laws:
         """The laws with the changes."""
