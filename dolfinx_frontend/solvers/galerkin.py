@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Iteration, Laws, Options, State, stochastic
 
+from dolfinx_frontend.assembly.gathered import gathered
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
@@ -267,13 +268,22 @@ def _guard(
         )
         for key, matrix in matrices.items()
     }
-    problem.on_one_rank("the proof that the structure is definite (indefinite='prove')")
-    if not bridge.definite(problem, floors):
+    if not _definite(problem, floors):
         raise IndefiniteError(
             "\n".join(bad) + "\nthe structure as a whole could not be proven definite either (Cholesky "
             f"with every random stiffness at its smallest eigenvalue breaks down); {remedy}"
         )
     return tuple(bad)
+
+
+def _definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
+    """As :func:`bridge.definite`; on several ranks by the first one, which is given the matrices of all."""
+    whole, comm = gathered(problem), problem.comm
+    found = False
+    with agreement(comm):
+        if whole is not None:
+            found = bridge.definite(whole, floors)
+    return found if comm is None else bool(comm.bcast(found, root=0))
 
 
 def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:

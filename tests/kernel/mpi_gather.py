@@ -1,0 +1,102 @@
+"""Program of test_mpi.py: what the first rank does for all, with the matrices or the answer of all.
+
+``mpirun -n N python mpi_gather.py FOLDER``
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from blocks import RANK, WORLD, row
+from mpi4py import MPI
+
+import dolfinx_frontend as lf
+from dolfinx_frontend import Contact, Elastic, LogNormal, Normal, Options, Perfect, Problem, Resultant
+
+TESTED = 1e-10
+
+
+def both(law: Any, moduli: tuple[float, ...] = (100.0, 200.0, 300.0, 150.0)) -> tuple[Problem, Problem]:
+    """Blocks over the ranks, and on each."""
+    made = row(law, moduli, (-2.0, 0.3))
+    made.temperature("b3", 20.0, 1e-4, name="heat")
+    return lf.assemble(made, comm=WORLD), lf.assemble(made, comm=MPI.COMM_SELF)
+
+
+def content(file: Path) -> dict[str, Any]:
+    """All data sets and attributes of a file by name."""
+    found: dict[str, Any] = {}
+
+    def note(name: str, node: Any) -> None:
+        for key, value in node.attrs.items():
+            found[f"{name}@{key}"] = value
+        if isinstance(node, h5py.Dataset):
+            found[name] = node[()]
+
+    with h5py.File(file) as opened:
+        opened.visititems(note)
+    return found
+
+
+def same_tree(one: dict[str, Any], other: dict[str, Any]) -> None:
+    """Refuse other names, texts, or numbers beyond rounding."""
+    # how the problem prints is not the same: it says nothing of materials
+    assert one.keys() == other.keys(), one.keys() ^ other.keys()
+    for name, value in one.items():
+        if np.asarray(value).dtype.kind == "f":
+            size = max(float(np.abs(other[name]).max(initial=0.0)), 1e-300)
+            assert np.abs(value - other[name]).max(initial=0.0) < TESTED * size, name
+        elif "sha256" not in name and "seal" not in name:
+            assert np.array_equal(value, other[name]), (name, value, other[name])
+
+
+def exported(folder: Path) -> None:
+    """The folder that one rank would write."""
+
+    def law(k: int) -> Any:
+        return Contact(friction=0.4) if k == 2 else Perfect() if k == 3 else Elastic(20.0, 10.0)
+
+    spread, whole = both(law)
+    cases: dict[str, dict[str, Any]] = {
+        "one": {},
+        "sweep": {"grid": {"j1.normal": [10.0, 20.0]}},
+    }
+    for name, settings in cases.items():
+        assert spread.export(folder / name, **settings) == folder / name
+        if RANK == 0:
+            whole.export(folder / f"{name} alone", **settings)
+            mine, alone = (folder / each for each in (name, f"{name} alone"))
+            same_tree(content(mine / "problem.h5"), content(alone / "problem.h5"))
+            files = [sorted(p.name for p in (each / "matrices").iterdir()) for each in (mine, alone)]
+            assert files[0] == files[1], files
+    print(f"same folder on rank {RANK}", flush=True)
+
+
+def proven() -> None:
+    """A random stiffness that may be negative, on a structure that bears it or not."""
+    for beds, definite in ((0.4, True), (1.6, False)):
+        law = Elastic(normal=Normal("k", 20.0, cov=beds), tangential=10.0)
+        found = []
+        for problem in both(lambda k, law=law: law if k == 2 else Elastic(20.0, 10.0)):
+            try:
+                answer = lf.solve(problem, chaos=2, indefinite="prove", options=Options(rtol=1e-12))
+                found.append(np.concatenate([each.ravel() for each in answer.gathered("j2")]))
+            except lf.IndefiniteError as error:
+                found.append(str(error))
+        if isinstance(found[0], str) or isinstance(found[1], str):
+            assert found[0] == found[1], found
+        else:
+            assert np.abs(found[0] - found[1]).max() < TESTED * np.abs(found[1]).max()
+        assert isinstance(found[0], str) is not definite, found
+    print(f"same proof on rank {RANK}", flush=True)
+
+
+if __name__ == "__main__":
+    faulthandler.dump_traceback_later(100, exit=True)
+    exported(Path(sys.argv[1]))
+    proven()
