@@ -96,7 +96,37 @@ def proven() -> None:
     print(f"same proof on rank {RANK}", flush=True)
 
 
+def journal(folder: Path) -> None:
+    """A function with a checkpoint: the digits of one rank, and the same again from the file."""
+
+    def law(k: int) -> Any:
+        return Contact(friction=0.4) if k == 2 else Elastic(normal=LogNormal(f"k{k}", 20.0, cov=0.2))
+
+    points = [[18.0, 23.0], [20.0, 20.0], [25.0, 15.0]]
+    settings: dict[str, Any] = {"active": ["j1", "j2", "j3"], "options": Options(rtol=1e-12)}
+    spread, whole = both(law)
+    file = folder / "function.sqlite"
+    exact = whole.function(Resultant("j2"), **settings)(points)
+    calls = []
+    for _ in range(2):
+        function = spread.function(Resultant("j2"), checkpoint=file, **settings)
+        values, slopes = function(points), function.derivatives(points[0])
+        calls.append((values, slopes.values, function.seconds))
+        function.close()
+    (first, slopes, took), (again, same_slopes, less) = calls
+    assert np.abs(first - exact).max() < TESTED * np.abs(exact).max()
+    assert np.array_equal(first, again) and np.array_equal(slopes, same_slopes) and less < took
+    try:
+        spread.function(Resultant("j1"), checkpoint=file, **settings)
+    except lf.SceneError as error:
+        assert "checkpoint" in str(error) or "rank 0 failed" in str(error), error
+    else:
+        raise AssertionError("the file of another function was taken")
+    print(f"same function on rank {RANK}", flush=True)
+
+
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
     exported(Path(sys.argv[1]))
     proven()
+    journal(Path(sys.argv[1]))
