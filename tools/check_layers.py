@@ -114,6 +114,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "remote",
         "relief",
         "problem",
+        "gathered",
         "held",
         "meeting",
         "assemble",

@@ -44,6 +44,7 @@ from dolfinx_frontend.assembly.substructure import Substructure, discretise, sum
 from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
@@ -161,7 +162,7 @@ def _assemble(
         end_all_on_errors(comm)
         check_alike(comm, "assemble", _described(scene))
         bound_threads(comm.py2f())
-    owner = place(scene.substructures, 1 if comm is None else comm.size)
+    owner = place(scene.substructures, 1 if comm is None else comm.size, _kept_together(scene))
     rank = 0 if comm is None else comm.rank
 
     _check_ties(scene, owner)
@@ -175,8 +176,11 @@ def _assemble(
         }
     held.update({where: each for where, each in swap(comm, told).items() if each is not None})
     interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm, before)
-    if scene.densities is not None:
-        interfaces = {**interfaces, **_relief_supports(scene, substructures, comm)}
+    relief: dict[str, Interface] = {}
+    with agreement(comm):
+        if scene.densities is not None and owner[next(iter(scene.substructures))] == rank:
+            relief = _relief_supports(substructures[next(iter(scene.substructures))])
+    interfaces = {**interfaces, **relief}
     summaries = {name: summary(s) for name, s in substructures.items()}
     resistances = {
         name: resistance_of(i, substructures[i.sides[0].substructure].length)
@@ -188,25 +192,26 @@ def _assemble(
         for known, its in ((summaries, summaries), (resistances, resistances), (interfaces, bare)):
             for each in exchanged(comm, its):
                 known.update({n: value for n, value in each.items() if n not in known})
-        interfaces = {
-            name: replace(interfaces[name], law=joint.law) for name, joint in scene.interfaces.items()
-        }
+        laws = {name: joint.law for name, joint in scene.interfaces.items()}
+        for of_relief in exchanged(comm, {name: each.law for name, each in relief.items()}):
+            laws |= of_relief
+        interfaces = {name: replace(interfaces[name], law=law) for name, law in laws.items()}
     parts = {name: summaries[name] for name in scene.substructures}
     if len({part.dim for part in parts.values()}) > 1:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
         [
-            *(resistances[name] for name in (scene.interfaces if comm else interfaces)),
+            *(resistances[name] for name in interfaces),
             *axis_resistances(parts),
         ],
     )
     with agreement(comm):
         loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}
     if scene.densities is not None:
-        relief = Relief(substructures, _densities(scene))
-        loads = {name: relief.load_balanced(each) for name, each in loads.items()}
-        substructures = relief.parts_balanced()
+        inertia = Relief(substructures, _densities(scene), parts, comm)
+        loads = {name: inertia.load_balanced(each) for name, each in loads.items()}
+        substructures = inertia.parts_balanced()
     if comm is None:
         return Problem(substructures, interfaces, None, loads, dict(held))
     forces = [spec.body_force for spec in scene.substructures.values()]
@@ -224,6 +229,7 @@ def _described(scene: Scene) -> dict[str, object]:
     for name, spec in scene.substructures.items():
         for what in ("material", "degree", "body_force", "rank", "stiffness"):
             given[f"{what} of substructure {name!r}"] = getattr(spec, what)
+    given["the densities of inertia_relief"] = scene.densities
     given["the list of loads"] = list(scene.loads)
     for name, load in scene.loads.items():
         given[f"load {name!r}"] = (load.part, load.kind, load.face)
@@ -261,13 +267,8 @@ def _densities(scene: Scene) -> dict[str, float]:
     return {name: float(value) for name, value in given.items()}
 
 
-def _relief_supports(
-    scene: Scene, substructures: Mapping[str, Substructure], comm: Any
-) -> dict[str, Interface]:
-    """What holds an assembly in inertia relief."""
-    if comm is not None:
-        raise SceneError("inertia_relief works on one rank: assemble without comm")
-    part = substructures[next(iter(scene.substructures))]
+def _relief_supports(part: Substructure) -> dict[str, Interface]:
+    """What holds an assembly in inertia relief: some nodes of its first part."""
     found = {}
     for number, (node, axes) in enumerate(supports(part)):
         name = "relief" if number == 0 else f"relief#{number + 1}"
@@ -285,6 +286,17 @@ def _relief_supports(
         )
         found[name] = remote_interface(spec, (part,))
     return found
+
+
+def _kept_together(scene: Scene) -> list[list[str]]:
+    """Parts that are on one rank: of a rigid group, and of springs and beams between mean motions."""
+    pairs = []
+    for joint in scene.interfaces.values():
+        parts = [face.substructure for face in joint.faces]
+        tied = joint.law.elimination is Elimination.TIED
+        if tied or joint.remote is not None:
+            pairs += [(parts[0], other) for other in (*parts[1:], *(joint.law.partners if tied else ()))]
+    return [group for group in grouped(list(scene.substructures), pairs) if len(group) > 1]
 
 
 def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:

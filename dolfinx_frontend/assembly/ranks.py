@@ -116,8 +116,12 @@ def _cost(spec: SubstructureSpec) -> float:
     return float((spec.dim * nodes * grow**spec.dim) ** (4 / 3))
 
 
-def place(specs: Mapping[str, SubstructureSpec], ranks: int) -> dict[str, int]:
+def place(
+    specs: Mapping[str, SubstructureSpec], ranks: int, together: Sequence[Sequence[str]] = ()
+) -> dict[str, int]:
     """Owner of every part: the given rank, or a share of equal cost, contiguous in the scene's order.
+
+    Groups of parts that are kept `together` go where the first of them with a given rank is, or the first of them.
 
     Raises
     ------
@@ -134,10 +138,14 @@ def place(specs: Mapping[str, SubstructureSpec], ranks: int) -> dict[str, int]:
         costs[:] = 1.0
     middle = (np.cumsum(costs) - 0.5 * costs) / costs.sum()
     shares = np.minimum((middle * ranks).astype(int), ranks - 1)
-    return {
+    owner = {
         name: int(share) if spec.rank is None else spec.rank
         for (name, spec), share in zip(specs.items(), shares, strict=True)
     }
+    for group in together:
+        leader = next((name for name in group if specs[name].rank is not None), group[0])
+        owner |= {name: owner[leader] for name in group if specs[name].rank is None}
+    return owner
 
 
 def _free_duplicate(comm: Any, keyval: int, duplicate: Any) -> None:

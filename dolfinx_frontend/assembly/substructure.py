@@ -524,7 +524,7 @@ def discretise(spec: SubstructureSpec) -> Substructure:
 
 
 def summary(s: Substructure) -> PartSummary:
-    modulus = getattr(s.material, "E", None)
+    modulus: Any = getattr(s.material, "E", None)
     return PartSummary(
         s.dim,
         s.size,

@@ -380,7 +380,7 @@ class Scene:
         Parameters
         ----------
         faces
-            ``"substructure:face"``, on one MPI rank.
+            ``"substructure:face"``; their parts are put on one MPI rank.
         point
             Of the body, whose displacement x, y, z are; None: the centroid of its nodes.
         motions

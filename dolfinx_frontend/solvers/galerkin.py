@@ -431,8 +431,8 @@ class Changes:
                 columns[name] = [each.kernel() for each in groups]
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
-        factors = {part: (each.values[0], each.forward[0]) for part, each in parts.items()}
-        here = {part: v for part, v in {**factors, **inside}.items() if part in random.problem.substructures}
+        every: dict[str, Any] = {p: (each.values[0], each.forward[0]) for p, each in parts.items()}
+        here = {p: v for p, v in (every | dict(inside)).items() if p in random.problem.substructures}
         return cls(steps, len(basis), parameters, columns, here)
 
     def applied(self, laws: Laws) -> Laws:

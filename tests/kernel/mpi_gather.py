@@ -125,8 +125,71 @@ def journal(folder: Path) -> None:
     print(f"same function on rank {RANK}", flush=True)
 
 
+def reported(folder: Path) -> None:
+    """The sheet of one rank, of a bolt on the last one."""
+    made = row(lambda k: Contact(friction=0.3) if k > 1 else Elastic(20.0, 10.0), [100.0] * 4, (1.0, 0.05))
+    last = "b2:x1", "b3:x0"
+    made.interface("bolt", *last, Elastic(normal=50.0, tangential=0.01, jump=-0.1))
+    made.interface("stud", "b1:x1", "b2:x0", Elastic(normal=50.0, tangential=0.01, jump=-0.2))
+    sheets = []
+    for problem, name in ((lf.assemble(made, comm=WORLD), "sheet"), (lf.assemble(made), f"alone{RANK}")):
+        result = lf.solve(problem, options=Options(rtol=1e-8))
+        sheets.append(lf.report(result, folder / name, pictures=False, units=("mm", "N")))
+    one, other = sheets
+    assert one.ranking == other.ranking and len(one.ranking) == 2, (one.ranking, other.ranking)
+    assert one.sentences == other.sentences and one.left_out == other.left_out, (one, other)
+    rows = [[each for each in sheet.table.rows()] for sheet in sheets]
+    assert len(rows[0]) == len(rows[1]) > 10
+    for mine, alone in zip(*rows, strict=True):
+        for a, b in zip(mine, alone, strict=True):
+            near = isinstance(a, float) and (abs(a - b) <= 1e-6 * max(abs(a), 1.0) or np.isnan([a, b]).all())
+            assert a == b or near, (mine, alone)
+    assert (folder / "sheet.html").exists() and (folder / "sheet.csv").exists()
+    print(f"same sheet on rank {RANK}", flush=True)
+
+
+def held() -> None:
+    """Rigid groups, beams between faces, and loads that inertia balances."""
+    settings: dict[str, Any] = {"options": Options(rtol=1e-12)}
+    made = row(lambda k: Elastic(20.0, 10.0), [100.0, 200.0, 300.0, 150.0], (1.0, 0.05))
+    made.rigid(["b1:y1", "b2:y1"], name="frame")
+    spread, whole = lf.assemble(made, comm=WORLD), lf.assemble(made, comm=MPI.COMM_SELF)
+    assert spread.distribution is not None
+    owner = spread.distribution.owner
+    assert owner["b1"] == owner["b2"] and len(set(owner.values())) == 2, owner
+    found, exact = (lf.solve(p, **settings) for p in (spread, whole))
+    for name, u in found.displacements.items():
+        assert np.abs(u - exact.displacements[name]).max() < TESTED * np.abs(u).max(), name
+    made = row(lambda k: Elastic(20.0, 10.0), [100.0] * 4, (1.0, 0.05), ranks=[None, 0, 1, None])
+    made.rigid(["b1:y1", "b2:y1"], name="frame")
+    try:
+        lf.assemble(made, comm=WORLD)
+    except lf.SceneError as error:
+        assert "give these parts the same rank=" in str(error), error
+    else:
+        raise AssertionError("a rigid group on two ranks")
+    made = lf.Scene()
+    made.inertia_relief(7.8e-9)
+    for k in range(3):
+        block = lf.geometry.box((10.0, 10.0), (2, 3), origin=(10.0 * k, 0.0))
+        made.substructure(f"b{k}", block, lf.LinearElastic(200e3, 0.3), degree=1)
+    for k in range(1, 3):
+        made.interface(f"j{k}", f"b{k - 1}:x1", f"b{k}:x0", Elastic(1e4, 5e3))
+    made.pressure("b2:x1", lf.Amplitude([0.0, 1.0], [0.0, 1.0]) * -100.0)
+    made.force("b0:y1", (3.0, 5.0), name="push")
+    found, exact = (
+        lf.solve(lf.assemble(made, comm=comm), times=[0.5, 1.0], **settings)
+        for comm in (WORLD, MPI.COMM_SELF)
+    )
+    for name, u in found.displacements.items():
+        assert np.abs(u - exact.displacements[name]).max() < TESTED * np.abs(u).max(), name
+    print(f"same support on rank {RANK}", flush=True)
+
+
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
     exported(Path(sys.argv[1]))
     proven()
     journal(Path(sys.argv[1]))
+    reported(Path(sys.argv[1]))
+    held()

@@ -75,7 +75,8 @@ def main() -> None:
     problem, alone = chain(LAWS["elastic"], COMM), chain(LAWS["elastic"], MPI.COMM_SELF)
     # the reaction of a support that was assembled across, and what its error is
     tight = Options(rtol=1e-12)
-    found, other = (discretisation_error(solve(p, options=tight), Resultant("wall")) for p in (problem, alone))
+    results = [solve(p, options=tight) for p in (problem, alone)]
+    found, other = (discretisation_error(each, Resultant("wall")) for each in results)
     for one, exact in ((found.value, other.value), (found.correction, other.correction)):
         assert abs(one - exact) < 1e-8 * abs(other.value), (found, other)
     for _ in range(2):  # whoever catches it goes on: the next collective call must not hang
