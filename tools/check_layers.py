@@ -107,6 +107,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "rigid",
         "ranks",
         "substructure",
+        "spread",
         "stretch",
         "vertices",
         "places",

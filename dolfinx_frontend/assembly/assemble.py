@@ -39,6 +39,7 @@ from dolfinx_frontend.assembly.ranks import (
 from dolfinx_frontend.assembly.relief import Relief, supports
 from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
+from dolfinx_frontend.assembly.spread import SpreadPart, condensed
 from dolfinx_frontend.assembly.stretch import with_cells
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
 from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
@@ -166,7 +167,12 @@ def _assemble(
     rank = 0 if comm is None else comm.rank
 
     _check_ties(scene, owner)
-    substructures, copies = _own_parts(scene, owner, rank, say, comm, before)
+    spread = {
+        name: condensed(spec, comm, owner[name], _faces_of(scene, name), _has_loads(scene, name))
+        for name, spec in scene.substructures.items()
+        if spec.spread
+    }
+    substructures, copies = _own_parts(scene, owner, rank, say, comm, before, spread)
     elsewhere = swap(comm, copies)
     with agreement(comm):
         held = held_nodes(scene, substructures, elsewhere)
@@ -217,7 +223,13 @@ def _assemble(
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
     parts = with_cells(comm, parts, substructures)
-    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)), loads)
+    return Problem(
+        substructures,
+        interfaces,
+        Distribution(comm, owner, parts, tuple(amplitudes)),
+        loads,
+        spread={name: each.condensed for name, each in spread.items()},
+    )
 
 
 def _described(scene: Scene) -> dict[str, object]:
@@ -323,6 +335,17 @@ def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
             )
 
 
+def _faces_of(scene: Scene, part: str) -> list[str]:
+    """Faces of a part that the scene uses."""
+    every = [face for joint in scene.interfaces.values() for face in joint.faces]
+    return list(dict.fromkeys(face.face for face in every if face.substructure == part))
+
+
+def _has_loads(scene: Scene, part: str) -> bool:
+    """Whether a part has loads beside its body force, or inertia that is balanced."""
+    return scene.densities is not None or any(load.part == part for load in scene.loads.values())
+
+
 _Where = tuple[str, int]
 """An interface, and the number of a side of it."""
 
@@ -366,6 +389,7 @@ def _own_parts(
     say: Callable[[str], None],
     comm: Any,
     before: Problem | None,
+    spread: Mapping[str, SpreadPart],
 ) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy]]]:
     """Parts of this rank, and what others need of them (other rank -> (interface, side) -> face)."""
     substructures: dict[str, Substructure] = {}
@@ -375,6 +399,11 @@ def _own_parts(
         for name, spec in scene.substructures.items():
             if owner[name] == rank:
                 say(f"substructure {name}")
+                if name in spread:
+                    own, part = spread[name].spec, spread[name].part
+                    assert own is not None and part is not None
+                    specs[name], substructures[name] = own, part
+                    continue
                 specs[name] = spec.made()
                 substructures[name] = _known(before, specs[name]) or discretise(specs[name])
         for name, joint in scene.interfaces.items():

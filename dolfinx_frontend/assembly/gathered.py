@@ -25,8 +25,8 @@ _LEFT = ("part", "space", "stiffness", "material", "sources", "factor")
 
 
 class _Own(NamedTuple):
-    """What a rank sends: of parts their stiffness and the rest; of interfaces all but laws and traces; sides with
-    their traces, and their column of the matching nodes; nodal forces of loads."""
+    """What a rank sends: of parts their stiffness and the rest; of interfaces all but laws and traces; sides
+    with their traces, and their column of the matching nodes; nodal forces of loads."""
 
     parts: dict[str, tuple[sp.csr_matrix, dict[str, Any]]]
     interfaces: dict[str, Interface]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
+from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.assembly.stretch import Stretch, check_alone, stretch_of, with_cells
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
@@ -46,7 +47,7 @@ class Problem(OneProcess):
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
     which those that touch no part of this rank have no traces here. `held` is what else holds the nodes of a
-    side of an interface.
+    side of an interface. `spread` has the parts whose mesh is on all ranks, see :class:`Condensed`.
     """
 
     substructures: dict[str, Substructure]
@@ -54,6 +55,7 @@ class Problem(OneProcess):
     distribution: Distribution | None = field(default=None, repr=False)
     loads: dict[str, PartLoad] = field(default_factory=dict)
     held: dict[tuple[str, int], Held] = field(default_factory=dict, repr=False)
+    spread: dict[str, Condensed] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -118,7 +120,7 @@ class Problem(OneProcess):
             for name, i in self.interfaces.items()
             if any(side.substructure in self.substructures for side in i.sides)
         }
-        return Problem(self.substructures, here, self.distribution, dict(self.loads))
+        return Problem(self.substructures, here, self.distribution, dict(self.loads), spread=self.spread)
 
     @property
     def comm(self) -> Any:

@@ -111,7 +111,7 @@ def _cost(spec: SubstructureSpec) -> float:
     """Relative cost of a part: a factor of n unknowns holds about n^(4/3) numbers; 0: not known yet."""
     if spec.lazy:
         return 0.0
-    nodes = spec.part.mesh.geometry.index_map().size_local
+    nodes = spec.part.mesh.geometry.index_map().size_global
     grow = spec.degree / max(int(coordinate_map(spec.part.mesh).degree), 1)
     return float((spec.dim * nodes * grow**spec.dim) ** (4 / 3))
 
@@ -121,7 +121,7 @@ def place(
 ) -> dict[str, int]:
     """Owner of every part: the given rank, or a share of equal cost, contiguous in the scene's order.
 
-    Groups of parts that are kept `together` go where the first of them with a given rank is, or the first of them.
+    Groups of parts that are kept `together` go where the first of them with a given rank is, or the first.
 
     Raises
     ------

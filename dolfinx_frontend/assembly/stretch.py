@@ -201,7 +201,8 @@ def check_alone(fields: Sequence[tuple[str, Any]]) -> None:
 def with_cells(
     comm: Any, parts: Mapping[str, PartSummary], own: Mapping[str, Substructure]
 ) -> dict[str, PartSummary]:
-    """What every rank knows of parts, with the cells of those with a random field; collective where one is new.
+    """What every rank knows of parts, with the cells of those with a random field; collective where one is
+    new.
 
     Parameters
     ----------

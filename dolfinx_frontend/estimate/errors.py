@@ -191,7 +191,7 @@ def distance(one: ChaosResult, other: ChaosResult) -> float:
 
 
 def _of_strain(one: ChaosResult, other: ChaosResult, part: str, modes: Sequence[int]) -> float:
-    """The same of the strains of a part, in the energy norm of its mean stiffness; on the rank that has it."""
+    """The same of the strains of a part, in the energy norm of its mean stiffness, on its rank; else 0."""
     if part not in one.problem.substructures:
         return 0.0
     stiffness = one.problem.substructures[part].matrix

@@ -44,7 +44,7 @@ def stiffness_factors(values: Mapping[str, Array]) -> list[SweptParameter]:
 def factors_of(
     problem: Problem, parameters: Sequence[SweptParameter], points: slice
 ) -> dict[str, tuple[Array, None]]:
-    """Of them those of some points and the parts of this rank, for laws that are asked at all of these side by
+    """Of them those of some points and of parts of this rank, for laws that are asked at all of these side by
     side."""
     return {
         each.interface: (each.values[:, points], None)

@@ -98,7 +98,8 @@ class SavedInterface(PointFrames):
     Attributes
     ----------
     law, description
-        Name of its law (of :meth:`SavedResult.with_laws` the law itself), and the law with its values in words.
+        Name of its law (of :meth:`SavedResult.with_laws` the law itself), and the law with its values in
+        words.
     sides
         One or two; ``str(side)`` is ``"part:face"``.
     points, weights, frames

@@ -161,3 +161,11 @@ def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
     for what in ("folder", "proof", "function", "sheet", "support"):
         assert run.stdout.count(f"same {what} on rank") == 2
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int) -> None:
+    run = launch(ranks, "mpi_spread.py")
+    assert run.returncode == 0, run.stdout + run.stderr
+    for what in ("same part", "same columns", "refused"):
+        assert run.stdout.count(f"{what} on rank") == ranks
