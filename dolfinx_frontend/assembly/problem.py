@@ -388,6 +388,7 @@ class Problem(OneProcess):
             {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
             self.distribution,
             {name: each.at(time) for name, each in self.loads.items()},
+            spread=self.spread,
         )
 
     @property

@@ -6,10 +6,10 @@ The unknowns on the faces that the scene joins or holds, b, are kept, all others
     S = K_bb - K_bi K_ii^-1 K_ib,     f = f_b - K_bi K_ii^-1 f_i.
 
 The rank that owns the part gets S with the mesh of the cells along these faces. From there on it is a part as
-any other. Of these cells the nodes off the faces follow those on them: springs hold each where the rigid motion
-that is nearest to that of its cell's nodes on the face would take it. They carry no load, so the springs have no
-force, and S is what is left when such nodes are eliminated; their displacements are not those of the part, which
-:meth:`Condensed.displacement` tells.
+any other. Of these cells the nodes off the faces follow those on them: springs hold each where the rigid
+motion that is nearest to that of its cell's nodes on the face would take it. They carry no load, so the
+springs have no force, and S is what is left when such nodes are eliminated; their displacements are not those
+of the part, which :meth:`Condensed.displacement` tells.
 """
 
 from __future__ import annotations
@@ -47,13 +47,16 @@ PREFIX = "latin_part_"
 BLOCK = 128
 """Columns that are solved for at once."""
 
+_TOGETHER = 27
+"""MUMPS' ICNTL for that number."""
+
 MOST = 16_000
 """Unknowns that are kept, at most: their matrix is dense (2 GB)."""
 
 
 class _Skin(NamedTuple):
-    """Cells along faces: geometry nodes and nodes of unknowns by their global numbers, facets as (cell, number
-    in it, tag)."""
+    """Cells along faces: geometry nodes and nodes of unknowns by their global numbers, facets as (cell,
+    number in it, tag)."""
 
     cells: Ints
     nodes: Ints
@@ -209,6 +212,9 @@ class _Inverse:
         self._pc.setType(PETSc.PC.Type.CHOLESKY)
         self._pc.setFactorSolverType("mumps")
         self._pc.setFromOptions()
+        self._pc.setFactorSetUpSolverType()
+        if self._pc.getFactorSolverType() == "mumps":
+            self._pc.getFactorMatrix().setMumpsIcntl(_TOGETHER, BLOCK)
         try:
             self._pc.setUp()
         except PETSc.Error as error:
@@ -366,7 +372,7 @@ def _on_face(spec: SubstructureSpec, skin: _Skin) -> _Face:
 
 
 def _followers(space: Any, on: Ints, d: int) -> sp.csr_matrix:
-    """B (n, n): rows of the nodes off the faces, columns of those on them: where a rigid motion takes them."""
+    """B (n, n): rows of nodes off the faces, columns of those on them: where a rigid motion takes them."""
     x = space.tabulate_dof_coordinates()[:, :d]
     is_on = np.zeros(len(x), dtype=bool)
     is_on[on] = True
@@ -465,10 +471,13 @@ def _part(
     spec, d = face.spec, face.spec.dim
     coordinates = face.space.tabulate_dof_coordinates()[:, :d].copy()
     count = coordinates.size
-    dense = 0.5 * (total + total.T)
-    size = len(rows)
-    indices = np.tile(rows, size)
-    kept = sp.csr_matrix((dense.ravel(), (np.repeat(rows, size), indices)), shape=(count, count))
+    ascending = np.argsort(rows)
+    dense = total[np.ix_(ascending, ascending)]
+    dense = 0.5 * (dense + dense.T)
+    starts = np.zeros(count + 1, dtype=np.int32)
+    starts[rows + 1] = len(rows)
+    columns = np.tile(rows[ascending].astype(np.int32), len(rows))
+    kept = sp.csr_matrix((dense.ravel(), columns, np.cumsum(starts)), shape=(count, count))
     off = np.ones(count)
     off[rows] = 0.0
     springs = sp.diags(off * float(np.mean(np.diag(dense))))

@@ -160,6 +160,11 @@ def discretisation_error(
         raise SceneError(f"discretisation_error: result = {short(result)}; give a result of solve")
     if result.without_recovery is not None:
         raise SceneError(result.without_recovery)
+    if result.problem.spread:
+        raise SceneError(
+            f"discretisation_error: the mesh of {', '.join(map(repr, result.problem.spread))} is spread over "
+            "the ranks, and no stress of it is recovered: make it on COMM_SELF"
+        )
     if result.plan.varied:
         raise SceneError(
             f"discretisation_error: the stiffness of {', '.join(map(repr, result.plan.varied))} is random; "

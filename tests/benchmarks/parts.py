@@ -39,6 +39,7 @@ from tests.verification import test_macro
 
 FRICTION = (8, 16, 32, 64, 128, 256, 512)
 WALL = (64, 256, 1024, 4096)
+COMPARED = 256  # parts up to which a chain is compared with another answer
 DIRECT_UP_TO = 300_000  # unknowns up to which a wall is compared with the direct solution
 
 T = TypeVar("T")
@@ -77,6 +78,8 @@ def rubbing(parts: int) -> dict[str, Any]:
     test_macro.cut(problem, rtol=3e-7)
     run, record["seconds"] = timed(lambda: test_macro.cut(problem, rtol=3e-7), 3)
     record |= {"iterations": run.iterations, "status": run.status, "spent": run.spent()}
+    if parts > COMPARED:
+        return record | {"estimate": run.error}
     # a slender chain has fewer digits (2e-8 of 64 parts)
     exact = solve(problem, options=Options(rtol=1e-10 if parts <= 32 else 3e-8, max_iterations=2000))
     record |= {"reference_status": exact.status, "reference_error": exact.error}

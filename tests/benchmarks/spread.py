@@ -3,8 +3,8 @@
 ``./run bench spread --cells N --json FILE``: a cube of N^3 hexahedra of degree 2, held at one end and pulled
 through a joint with springs by a smaller cube at the other. Of each number of ranks (1: the mesh is on
 COMM_SELF) ``unknowns`` of the cube, ``size`` of what its owner has of it, and of the slowest or largest rank
-``cpu_s`` (processor time of assembly and solution) and ``peak_gb`` (of the whole process); ``difference`` of the
-force on the joint from one rank, relative to the largest.
+``cpu_s`` (processor time of assembly and solution) and ``peak_gb`` (of the whole process); ``difference`` of
+the force on the joint from one rank, relative to the largest.
 """
 
 from __future__ import annotations

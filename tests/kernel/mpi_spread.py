@@ -65,7 +65,7 @@ def sorted_field(x: Any, u: Any) -> Any:
 
 
 def answers() -> None:
-    """One answer, with springs and with friction, on matching meshes and others; the whole field of the part."""
+    """One answer, with springs and with friction, on matching meshes and others; the field in the part."""
     cases = [
         (Elastic(normal=1e5, tangential=4e4), 1, True, 3),
         (Contact(friction=0.2), 2, False, 3),
@@ -127,6 +127,17 @@ def refused() -> None:
             assert text in str(error), error
         else:
             raise AssertionError(text)
+    result = lf.solve(lf.assemble(made, comm=WORLD), active=["joint"])
+    calls = [lambda: lf.discretisation_error(result)]
+    if "lower" in result.problem.substructures:
+        calls += [lambda: result.displacement("lower"), lambda: result.stress("lower")]
+    for call in calls:
+        try:
+            call()
+        except lf.SceneError as error:
+            assert "is spread over the" in str(error), error
+        else:
+            raise AssertionError("the field of a part that is not all there")
     print(f"refused on rank {RANK}", flush=True)
 
 
