@@ -111,6 +111,16 @@ class Problem(OneProcess):
         return ReadOnlyDict({name: summary(s) for name, s in self.substructures.items()})
 
     @cached_property
+    def modulus(self) -> float:
+        """E of the scene: geometric mean of the moduli of all parts."""
+        return float(np.exp(np.mean([np.log(part.modulus) for part in self.parts.values()])))
+
+    @cached_property
+    def length(self) -> float:
+        """L of the scene: (sum of volumes)^(1/d) of all parts."""
+        return float(sum(part.length**self.dim for part in self.parts.values()) ** (1.0 / self.dim))
+
+    @cached_property
     def own(self) -> Problem:
         """What of the problem is on this rank, without the rest."""
         if self.distribution is None:

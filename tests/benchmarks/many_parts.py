@@ -1,6 +1,6 @@
 """Cost against the number of parts where every interface is kept: a chain that rubs, a wall of bricks.
 
-``./run bench parts --json FILE`` writes ``friction``, a chain of cubes whose every fourth joint has friction,
+``./run bench many_parts --json FILE`` writes ``friction``, a chain of cubes whose every fourth joint has friction,
 opens at its edges and slips, and ``wall``, square bricks in rows and columns with a spring layer in every
 joint, held at its foot and sheared at its top. Of each number of ``parts``: ``dof``; ``iterations``;
 ``seconds`` of a solution, from the matrices of the parts on (processor time; of a chain the median of three,
@@ -143,7 +143,7 @@ def one(kind: str, parts: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print and write."""
-    parser = common.parser("parts", __doc__)
+    parser = common.parser("many_parts", __doc__)
     parser.add_argument("--friction", nargs="*", type=int, default=list(FRICTION))
     parser.add_argument("--wall", nargs="*", type=int, default=list(WALL), help="squares of whole numbers")
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
@@ -154,7 +154,7 @@ def main() -> None:
         peak = 1e-6 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         print(json.dumps(found | {"peak_gb": peak}, default=float))
         return
-    record: dict[str, Any] = {"benchmark": "parts", "commit": common.commit()}
+    record: dict[str, Any] = {"benchmark": "many_parts", "commit": common.commit()}
     record["friction"] = [one("friction", parts) for parts in given.friction]
     record["wall"] = [one("wall", parts) for parts in given.wall]
     common.write_json(record | {"environment": common.environment()}, given.json)
