@@ -1,12 +1,13 @@
 """Cost against the number of parts where every interface is kept: a chain that rubs, a wall of bricks.
 
-``./run bench many_parts --json FILE`` writes ``friction``, a chain of cubes whose every fourth joint has friction,
-opens at its edges and slips, and ``wall``, square bricks in rows and columns with a spring layer in every
-joint, held at its foot and sheared at its top. Of each number of ``parts``: ``dof``; ``iterations``;
+``./run bench many_parts --json FILE`` writes ``friction``, a chain of cubes whose every fourth joint has
+friction, opens at its edges and slips, and ``wall``, square bricks in rows and columns with a spring layer in
+every joint, held at its foot and sheared at its top. Of each number of ``parts``: ``dof``; ``iterations``;
 ``seconds`` of a solution, from the matrices of the parts on (processor time; of a chain the median of three,
 of a wall one run); ``unit_s``, one direct solution of the assembled structure (of the chain with springs in
 its contacts) in the same time, and ``units``; ``error``, true, in the energy norm: of a chain against an
-answer to 1e-10, of a wall against the direct solution; ``assembly_s`` and ``peak_gb``, of the whole process.
+answer to ``reference_error`` (up to 256 parts; then ``estimate``), of a wall against the direct solution;
+``assembly_s`` and ``peak_gb``, of the whole process.
 """
 
 from __future__ import annotations
