@@ -6,7 +6,8 @@ every joint, held at its foot and sheared at its top. Of each number of ``parts`
 ``seconds`` of a solution, from the matrices of the parts on (processor time; of a chain the median of three,
 of a wall one run); ``unit_s``, one direct solution of the assembled structure (of the chain with springs in
 its contacts) in the same time, and ``units``; ``error``, true, in the energy norm: of a chain against an
-answer to ``reference_error`` (up to 256 parts; then ``estimate``), of a wall against the direct solution, if it is small;
+answer to ``reference_error`` (up to 256 parts; then ``estimate``), of a wall against the direct solution (if
+it is small);
 ``assembly_s`` and ``peak_gb``, of the whole process.
 """
 
