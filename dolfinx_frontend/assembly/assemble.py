@@ -39,16 +39,18 @@ from dolfinx_frontend.assembly.ranks import (
 from dolfinx_frontend.assembly.relief import Relief, supports
 from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
+from dolfinx_frontend.assembly.spread import SpreadPart, condensed
+from dolfinx_frontend.assembly.stretch import with_cells
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
 from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
-from dolfinx_frontend.scene.values import is_random_field, is_uncertain
 
 __all__ = ["assemble", "assembled_again"]
 
@@ -161,17 +163,16 @@ def _assemble(
         end_all_on_errors(comm)
         check_alike(comm, "assemble", _described(scene))
         bound_threads(comm.py2f())
-    uncertain = [name for name, spec in scene.substructures.items() if _uncertain_stiffness(spec)]
-    if comm is not None and uncertain:
-        raise SceneError(
-            f"substructure {uncertain[0]!r}: its stiffness is random, which works on one rank: "
-            "assemble without comm"
-        )
-    owner = place(scene.substructures, 1 if comm is None else comm.size)
+    owner = place(scene.substructures, 1 if comm is None else comm.size, _kept_together(scene))
     rank = 0 if comm is None else comm.rank
 
     _check_ties(scene, owner)
-    substructures, copies = _own_parts(scene, owner, rank, say, comm, before)
+    spread = {
+        name: condensed(spec, comm, owner[name], _faces_of(scene, name), _has_loads(scene, name))
+        for name, spec in scene.substructures.items()
+        if spec.spread
+    }
+    substructures, copies = _own_parts(scene, owner, rank, say, comm, before, spread)
     elsewhere = swap(comm, copies)
     with agreement(comm):
         held = held_nodes(scene, substructures, elsewhere)
@@ -181,8 +182,11 @@ def _assemble(
         }
     held.update({where: each for where, each in swap(comm, told).items() if each is not None})
     interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm, before)
-    if scene.densities is not None:
-        interfaces = {**interfaces, **_relief_supports(scene, substructures, comm)}
+    relief: dict[str, Interface] = {}
+    with agreement(comm):
+        if scene.densities is not None and owner[next(iter(scene.substructures))] == rank:
+            relief = _relief_supports(substructures[next(iter(scene.substructures))])
+    interfaces = {**interfaces, **relief}
     summaries = {name: summary(s) for name, s in substructures.items()}
     resistances = {
         name: resistance_of(i, substructures[i.sides[0].substructure].length)
@@ -194,35 +198,38 @@ def _assemble(
         for known, its in ((summaries, summaries), (resistances, resistances), (interfaces, bare)):
             for each in exchanged(comm, its):
                 known.update({n: value for n, value in each.items() if n not in known})
-        interfaces = {
-            name: replace(interfaces[name], law=joint.law) for name, joint in scene.interfaces.items()
-        }
+        laws = {name: joint.law for name, joint in scene.interfaces.items()}
+        for of_relief in exchanged(comm, {name: each.law for name, each in relief.items()}):
+            laws |= of_relief
+        interfaces = {name: replace(interfaces[name], law=law) for name, law in laws.items()}
     parts = {name: summaries[name] for name in scene.substructures}
     if len({part.dim for part in parts.values()}) > 1:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
         [
-            *(resistances[name] for name in (scene.interfaces if comm else interfaces)),
+            *(resistances[name] for name in interfaces),
             *axis_resistances(parts),
         ],
     )
     with agreement(comm):
         loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}
     if scene.densities is not None:
-        relief = Relief(substructures, _densities(scene))
-        loads = {name: relief.load_balanced(each) for name, each in loads.items()}
-        substructures = relief.parts_balanced()
+        inertia = Relief(substructures, _densities(scene), parts, comm)
+        loads = {name: inertia.load_balanced(each) for name, each in loads.items()}
+        substructures = inertia.parts_balanced()
     if comm is None:
         return Problem(substructures, interfaces, None, loads, dict(held))
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
-    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)), loads)
-
-
-def _uncertain_stiffness(spec: SubstructureSpec) -> bool:
-    both = (spec.stiffness, getattr(spec.material, "factor", 1.0))
-    return any(is_uncertain(each) or is_random_field(each) for each in both)
+    parts = with_cells(comm, parts, substructures)
+    return Problem(
+        substructures,
+        interfaces,
+        Distribution(comm, owner, parts, tuple(amplitudes)),
+        loads,
+        spread={name: each.condensed for name, each in spread.items()},
+    )
 
 
 def _described(scene: Scene) -> dict[str, object]:
@@ -234,6 +241,7 @@ def _described(scene: Scene) -> dict[str, object]:
     for name, spec in scene.substructures.items():
         for what in ("material", "degree", "body_force", "rank", "stiffness"):
             given[f"{what} of substructure {name!r}"] = getattr(spec, what)
+    given["the densities of inertia_relief"] = scene.densities
     given["the list of loads"] = list(scene.loads)
     for name, load in scene.loads.items():
         given[f"load {name!r}"] = (load.part, load.kind, load.face)
@@ -271,13 +279,8 @@ def _densities(scene: Scene) -> dict[str, float]:
     return {name: float(value) for name, value in given.items()}
 
 
-def _relief_supports(
-    scene: Scene, substructures: Mapping[str, Substructure], comm: Any
-) -> dict[str, Interface]:
-    """What holds an assembly in inertia relief."""
-    if comm is not None:
-        raise SceneError("inertia_relief works on one rank: assemble without comm")
-    part = substructures[next(iter(scene.substructures))]
+def _relief_supports(part: Substructure) -> dict[str, Interface]:
+    """What holds an assembly in inertia relief: some nodes of its first part."""
     found = {}
     for number, (node, axes) in enumerate(supports(part)):
         name = "relief" if number == 0 else f"relief#{number + 1}"
@@ -295,6 +298,17 @@ def _relief_supports(
         )
         found[name] = remote_interface(spec, (part,))
     return found
+
+
+def _kept_together(scene: Scene) -> list[list[str]]:
+    """Parts that are on one rank: of a rigid group, and of springs and beams between mean motions."""
+    pairs = []
+    for joint in scene.interfaces.values():
+        parts = [face.substructure for face in joint.faces]
+        tied = joint.law.elimination is Elimination.TIED
+        if tied or joint.remote is not None:
+            pairs += [(parts[0], other) for other in (*parts[1:], *(joint.law.partners if tied else ()))]
+    return [group for group in grouped(list(scene.substructures), pairs) if len(group) > 1]
 
 
 def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
@@ -319,6 +333,17 @@ def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
                 "one rank: "
                 "give these parts the same rank= in scene.substructure"
             )
+
+
+def _faces_of(scene: Scene, part: str) -> list[str]:
+    """Faces of a part that the scene uses."""
+    every = [face for joint in scene.interfaces.values() for face in joint.faces]
+    return list(dict.fromkeys(face.face for face in every if face.substructure == part))
+
+
+def _has_loads(scene: Scene, part: str) -> bool:
+    """Whether a part has loads beside its body force, or inertia that is balanced."""
+    return scene.densities is not None or any(load.part == part for load in scene.loads.values())
 
 
 _Where = tuple[str, int]
@@ -364,6 +389,7 @@ def _own_parts(
     say: Callable[[str], None],
     comm: Any,
     before: Problem | None,
+    spread: Mapping[str, SpreadPart],
 ) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy]]]:
     """Parts of this rank, and what others need of them (other rank -> (interface, side) -> face)."""
     substructures: dict[str, Substructure] = {}
@@ -373,6 +399,11 @@ def _own_parts(
         for name, spec in scene.substructures.items():
             if owner[name] == rank:
                 say(f"substructure {name}")
+                if name in spread:
+                    own, part = spread[name].spec, spread[name].part
+                    assert own is not None and part is not None
+                    specs[name], substructures[name] = own, part
+                    continue
                 specs[name] = spec.made()
                 substructures[name] = _known(before, specs[name]) or discretise(specs[name])
         for name, joint in scene.interfaces.items():

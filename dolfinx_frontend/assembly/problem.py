@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,8 @@ from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
-from dolfinx_frontend.assembly.stretch import Stretch, check_alone, stretch_of
+from dolfinx_frontend.assembly.spread import Condensed
+from dolfinx_frontend.assembly.stretch import Stretch, check_alone, stretch_of, with_cells
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -46,7 +47,7 @@ class Problem(OneProcess):
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
     which those that touch no part of this rank have no traces here. `held` is what else holds the nodes of a
-    side of an interface.
+    side of an interface. `spread` has the parts whose mesh is on all ranks, see :class:`Condensed`.
     """
 
     substructures: dict[str, Substructure]
@@ -54,6 +55,7 @@ class Problem(OneProcess):
     distribution: Distribution | None = field(default=None, repr=False)
     loads: dict[str, PartLoad] = field(default_factory=dict)
     held: dict[tuple[str, int], Held] = field(default_factory=dict, repr=False)
+    spread: dict[str, Condensed] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -109,6 +111,16 @@ class Problem(OneProcess):
         return ReadOnlyDict({name: summary(s) for name, s in self.substructures.items()})
 
     @cached_property
+    def modulus(self) -> float:
+        """E of the scene: geometric mean of the moduli of all parts."""
+        return float(np.exp(np.mean([np.log(part.modulus) for part in self.parts.values()])))
+
+    @cached_property
+    def length(self) -> float:
+        """L of the scene: (sum of volumes)^(1/d) of all parts."""
+        return float(sum(part.length**self.dim for part in self.parts.values()) ** (1.0 / self.dim))
+
+    @cached_property
     def own(self) -> Problem:
         """What of the problem is on this rank, without the rest."""
         if self.distribution is None:
@@ -118,7 +130,7 @@ class Problem(OneProcess):
             for name, i in self.interfaces.items()
             if any(side.substructure in self.substructures for side in i.sides)
         }
-        return Problem(self.substructures, here, self.distribution, dict(self.loads))
+        return Problem(self.substructures, here, self.distribution, dict(self.loads), spread=self.spread)
 
     @property
     def comm(self) -> Any:
@@ -294,12 +306,12 @@ class Problem(OneProcess):
     @cached_property
     def factors(self) -> Mapping[str, Any]:
         """Part -> random number, with the mean 1, that its stiffness is multiplied with."""
-        return ReadOnlyDict({n: s.factor for n, s in self.substructures.items() if is_uncertain(s.factor)})
+        return ReadOnlyDict({n: s.factor for n, s in self.parts.items() if is_uncertain(s.factor)})
 
     @cached_property
     def fields(self) -> Mapping[str, Any]:
         """Part -> random field, with the mean 1, that its stiffness is multiplied with."""
-        found = {n: s.factor for n, s in self.substructures.items() if is_random_field(s.factor)}
+        found = {n: s.factor for n, s in self.parts.items() if is_random_field(s.factor)}
         check_alone(list(found.items()))
         return ReadOnlyDict(found)
 
@@ -312,6 +324,14 @@ class Problem(OneProcess):
         if part not in self._stretches:
             self._stretches[part] = stretch_of(self.substructures[part])
         return self._stretches[part]
+
+    def cells_of(self, part: str) -> tuple[Array, Array, int]:
+        """Midpoints and volumes of the cells of a part with a random field, and their dimension."""
+        cells = self.parts[part].cells
+        if cells is not None:
+            return cells
+        stretch = self.stretch(part)
+        return stretch.points, stretch.weights, stretch.dimension
 
     def initial_stretch(
         self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()
@@ -378,6 +398,7 @@ class Problem(OneProcess):
             {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
             self.distribution,
             {name: each.at(time) for name, each in self.loads.items()},
+            spread=self.spread,
         )
 
     @property
@@ -398,10 +419,9 @@ class Problem(OneProcess):
     def part_parameters(self) -> dict[str, Any]:
         """What can be swept of parts: ``"bar.E"``, the nominal modulus, and ``"bar.stiffness"``, a factor."""
         found: dict[str, Any] = {}
-        for name, part in self.substructures.items():
-            modulus = getattr(part.material, "E", None)
-            if is_real(modulus):
-                found[f"{name}.E"] = modulus
+        for name, part in self.parts.items():
+            if part.E is not None:
+                found[f"{name}.E"] = part.E
             found[f"{name}.stiffness"] = 1.0
         return {key: value for key, value in found.items() if key not in self.law_parameters}
 
@@ -469,7 +489,6 @@ class Problem(OneProcess):
                 name, _, parameter = key.rpartition(".")
                 here.setdefault(name, {})[parameter] = values[key]
         if rest is not None:
-            self.check_moduli("with_laws with the modulus of a part", rest)
             moduli = {key: rest.pop(key) for key in list(rest) if key in self.part_parameters}
             if moduli:
                 return self._with_moduli(moduli).with_laws(laws, {**rest, **_of(values, of_loads)})
@@ -478,24 +497,14 @@ class Problem(OneProcess):
         loads = {n: each.with_values(here.get(n, {})) for n, each in self.loads.items()}
         return replace(self, interfaces=interfaces, loads=loads)
 
-    def check_moduli(self, what: str, keys: Iterable[object]) -> None:
-        """Refuse names of moduli of parts, which may be on other ranks, where there are several.
-
-        Raises
-        ------
-        SceneError
-            On all ranks alike.
-        """
-        names = (str(key).rpartition(".")[2] for key in keys if key not in self.law_parameters)
-        if any(name in ("E", "stiffness") for name in names):
-            self.on_one_rank(what)
-
     def _with_moduli(self, values: Mapping[str, Any]) -> Problem:
-        """The same with other moduli of parts: their matrices, and what comes from them, are scaled."""
-        parts, loads = dict(self.substructures), dict(self.loads)
+        """The same with other moduli of parts: their matrices, and what comes from them, are scaled.
+
+        Collective where a field is new to a part: all ranks are told its cells.
+        """
+        parts, loads, summaries = dict(self.substructures), dict(self.loads), dict(self.parts)
         for key, value in values.items():
             name, _, what = key.rpartition(".")
-            part = parts[name]
             random = is_uncertain(value) or is_random_field(value)
             mean = value.mean if random else value
             if not random and not is_real(value):
@@ -509,21 +518,35 @@ class Problem(OneProcess):
                 )
             if not mean > 0.0:
                 raise SceneError(f"with_laws: {key} = {short(value)}; a stiffness is positive")
+            known = summaries[name]
+            if what == "stiffness":
+                summaries[name] = replace(known, factor=value)
+                if name in parts:
+                    parts[name] = replace(parts[name], factor=value)
+                continue
             factor: Any = 1.0
             if random:
                 factor = value.relative if is_random_field(value) else value / mean
-            if what == "stiffness":
-                parts[name] = replace(part, factor=value)
+            assert known.E is not None
+            ratio = float(mean) / known.E
+            summaries[name] = replace(known, E=float(mean), modulus=ratio * known.modulus, factor=factor)
+            loads = {n: each.strained(name, ratio) for n, each in loads.items()}
+            if name not in parts:
                 continue
-            ratio = float(mean) / float(part.material.E)
+            part = parts[name]
             matrix = part.stiffness.copy()
             matrix.scale(ratio)
-            material = replace(part.material, E=float(mean))
             parts[name] = replace(
-                part, stiffness=matrix, material=material, modulus=ratio * part.modulus, factor=factor
+                part,
+                stiffness=matrix,
+                material=replace(part.material, E=float(mean)),
+                modulus=ratio * part.modulus,
+                factor=factor,
             )
-            loads = {n: each.strained(name, ratio) for n, each in loads.items()}
-        return replace(self, substructures=parts, loads=loads)
+        spread = self.distribution
+        if spread is not None:
+            spread = replace(spread, parts=with_cells(spread.comm, summaries, parts))
+        return replace(self, substructures=parts, loads=loads, distribution=spread)
 
     def __repr__(self) -> str:
         lines = [

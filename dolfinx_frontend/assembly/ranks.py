@@ -64,6 +64,13 @@ class PartSummary:
     """Whether it has body forces that are constant in time."""
     around: bool = False
     """Whether it is the section of a body of revolution."""
+    E: float | None = None
+    """Young's modulus of its material at the mean; None: the material has none."""
+    factor: Any = 1.0
+    """What its stiffness is multiplied with: 1, or a random number or field with the mean 1."""
+    cells: tuple[Array, Array, int] | None = field(default=None, repr=False)
+    """Of a factor that is a random field: midpoints and volumes of the cells, and their dimension, as
+    :class:`dolfinx_frontend.assembly.stretch.Stretch` has them."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +111,17 @@ def _cost(spec: SubstructureSpec) -> float:
     """Relative cost of a part: a factor of n unknowns holds about n^(4/3) numbers; 0: not known yet."""
     if spec.lazy:
         return 0.0
-    nodes = spec.part.mesh.geometry.index_map().size_local
+    nodes = spec.part.mesh.geometry.index_map().size_global
     grow = spec.degree / max(int(coordinate_map(spec.part.mesh).degree), 1)
     return float((spec.dim * nodes * grow**spec.dim) ** (4 / 3))
 
 
-def place(specs: Mapping[str, SubstructureSpec], ranks: int) -> dict[str, int]:
+def place(
+    specs: Mapping[str, SubstructureSpec], ranks: int, together: Sequence[Sequence[str]] = ()
+) -> dict[str, int]:
     """Owner of every part: the given rank, or a share of equal cost, contiguous in the scene's order.
+
+    Groups of parts that are kept `together` go where the first of them with a given rank is, or the first.
 
     Raises
     ------
@@ -127,10 +138,14 @@ def place(specs: Mapping[str, SubstructureSpec], ranks: int) -> dict[str, int]:
         costs[:] = 1.0
     middle = (np.cumsum(costs) - 0.5 * costs) / costs.sum()
     shares = np.minimum((middle * ranks).astype(int), ranks - 1)
-    return {
+    owner = {
         name: int(share) if spec.rank is None else spec.rank
         for (name, spec), share in zip(specs.items(), shares, strict=True)
     }
+    for group in together:
+        leader = next((name for name in group if specs[name].rank is not None), group[0])
+        owner |= {name: owner[leader] for name in group if specs[name].rank is None}
+    return owner
 
 
 def _free_duplicate(comm: Any, keyval: int, duplicate: Any) -> None:

@@ -16,6 +16,7 @@ import scipy.linalg
 import ufl
 
 from dolfinx_frontend.assembly.part_loads import PartLoad
+from dolfinx_frontend.assembly.ranks import PartSummary, exchanged
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.substructure import Substructure, ring
 from dolfinx_frontend.common.arrays import Array
@@ -29,21 +30,41 @@ class Relief:
     Parameters
     ----------
     parts
-        All parts of the scene.
+        Parts of the scene on this rank.
     densities
         Part -> mass per volume.
+    every
+        What is known of all parts.
+    comm
+        Communicator of the ranks that have them; all make every call. None: there is one.
     """
 
-    def __init__(self, parts: Mapping[str, Substructure], densities: Mapping[str, float]) -> None:
-        self.parts = parts
-        mass = sum(densities[n] * s.volume for n, s in parts.items())
-        moments = [densities[n] * s.volume * s.centre for n, s in parts.items()]
+    def __init__(
+        self,
+        parts: Mapping[str, Substructure],
+        densities: Mapping[str, float],
+        every: Mapping[str, PartSummary],
+        comm: Any = None,
+    ) -> None:
+        self.parts, self.comm = parts, comm
+        mass = sum(densities[n] * s.volume for n, s in every.items())
+        moments = [densities[n] * s.volume * s.centre for n, s in every.items()]
         self.centre: Array = np.sum(moments, axis=0) / mass
-        self.length = max(s.length for s in parts.values())
+        self.length = max(s.length for s in every.values())
         self._motions = {n: self._modes(s) for n, s in parts.items()}
         self._inertia = {n: densities[n] * self._masses(s) for n, s in parts.items()}
-        gram = sum(self._motions[n].T @ self._inertia[n] for n in parts)
+        first = next(iter(every.values()))
+        motions = 1 if first.around else 3 * (first.dim - 1)
+        nothing = np.zeros((motions, motions))
+        gram = self._sum(sum((self._motions[n].T @ self._inertia[n] for n in parts), start=nothing))
         self._inverse = np.linalg.inv(gram)
+
+    def _sum(self, own: Array) -> Array:
+        """The sum over the ranks; collective."""
+        if self.comm is None:
+            return own
+        every = exchanged(self.comm, own)
+        return np.asarray(sum(every[1:], start=every[0]))
 
     def _modes(self, s: Substructure) -> Array:
         """Rigid motions of a part, (n, r)."""
@@ -66,9 +87,9 @@ class Relief:
         return np.array(columns, dtype=np.float64).T
 
     def balance(self, forces: Mapping[str, Array]) -> dict[str, Array]:
-        """Nodal forces (n,) of all parts: those of some and the inertia that balances them."""
+        """Nodal forces (n,) of all parts: those of some and the inertia that balances them; collective."""
         total = sum((self._motions[n].T @ f for n, f in forces.items()), start=np.zeros(len(self._inverse)))
-        acceleration = self._inverse @ total
+        acceleration = self._inverse @ self._sum(total)
         out = {}
         for name, s in self.parts.items():
             own = forces.get(name, np.zeros(s.size))
@@ -77,7 +98,9 @@ class Relief:
 
     def parts_balanced(self) -> dict[str, Substructure]:
         """The parts with body forces in balance."""
-        amplitudes = {a for s in self.parts.values() for a in s.varying_loads}
+        own = [a for s in self.parts.values() for a in s.varying_loads]
+        ranks = [own] if self.comm is None else exchanged(self.comm, own)
+        amplitudes = list(dict.fromkeys(a for each in ranks for a in each))
         loads = self.balance({n: s.load for n, s in self.parts.items()})
         varying = {a: self.balance({n: s.load_of(a) for n, s in self.parts.items()}) for a in amplitudes}
         return {

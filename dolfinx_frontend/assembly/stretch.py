@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import basix
@@ -15,12 +15,14 @@ import scipy.sparse as sp
 import ufl
 
 from dolfinx_frontend.assembly.elements import csr
+from dolfinx_frontend.assembly.ranks import PartSummary, agreement, exchanged
 from dolfinx_frontend.assembly.substructure import Substructure, bilinear_of, ring
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.scene.values import is_random_field
 
-__all__ = ["Stretch", "stretch_of"]
+__all__ = ["Stretch", "check_alone", "stretch_of", "with_cells"]
 
 _STRAINED = 1e-11
 """Eigenvalues of a cell's stiffness below this fraction of its largest are those of rigid motions."""
@@ -194,3 +196,27 @@ def check_alone(fields: Sequence[tuple[str, Any]]) -> None:
                 "a field lives in one part; give each part a field with a name of its own"
             )
         seen[each.name] = part
+
+
+def with_cells(
+    comm: Any, parts: Mapping[str, PartSummary], own: Mapping[str, Substructure]
+) -> dict[str, PartSummary]:
+    """What every rank knows of parts, with the cells of those with a random field; collective where one is
+    new.
+
+    Parameters
+    ----------
+    own
+        Parts of this rank.
+    """
+    new = [name for name, part in parts.items() if part.cells is None and is_random_field(part.factor)]
+    if not new:
+        return dict(parts)
+    cells: dict[str, tuple[Array, Array, int]] = {}
+    with agreement(comm):
+        for name in (n for n in new if n in own):
+            stretch = stretch_of(own[name])
+            cells[name] = (stretch.points, stretch.weights, stretch.dimension)
+    for each in exchanged(comm, cells):
+        cells.update(each)
+    return {name: replace(part, cells=cells.get(name, part.cells)) for name, part in parts.items()}

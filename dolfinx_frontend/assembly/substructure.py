@@ -41,7 +41,7 @@ from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
 
-__all__ = ["Sources", "Substructure", "bilinear_of", "ring"]
+__all__ = ["Sources", "Substructure", "bilinear_of", "form_of", "load_form", "modulus_of", "ring"]
 
 
 _REMEDY = "after it was assembled: put it back, or assemble the scene again"
@@ -131,7 +131,7 @@ class Substructure(OneProcess):
         `length`; no unit.
     modulus
         Estimate of Young's modulus from the energy of uniform shears, force / area, see
-        :func:`_modulus`.
+        :func:`modulus_of`.
     length
         volume^(1/d).
     volume, centre
@@ -333,7 +333,7 @@ def _determinant(a: Array) -> Array:
     return np.asarray(sum(parts))
 
 
-def _modulus(K: sp.csr_matrix, x: Array, volume: float, around: bool = False) -> float:
+def modulus_of(K: sp.csr_matrix, x: Array, volume: float, around: bool = False) -> float:
     """Young's modulus, estimated from the energies of uniform volume-preserving strains.
 
     u = x_i e_i - x_j e_j has the energy u^T K u = 4 mu volume in an isotropic body, whatever its
@@ -438,7 +438,7 @@ def _isotropic(
     return fem.compile_form(MPI.COMM_SELF, form, jit_options=_jit()), E, nu
 
 
-def _form(spec: SubstructureSpec, space: Any) -> tuple[Any, Sources]:
+def form_of(spec: SubstructureSpec, space: Any) -> tuple[Any, Sources]:
     """The form of the stiffness, for assembly, and what a user can write to."""
     material, mesh = spec.material, spec.part.mesh
     if type(material) is LinearElastic and is_real(material.E) and is_real(material.nu):
@@ -461,11 +461,10 @@ def _form(spec: SubstructureSpec, space: Any) -> tuple[Any, Sources]:
     return fem.form(bilinear, jit_options=_jit()), Sources.of(mesh, bilinear)
 
 
-def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
-    """Nodal forces of a body force, (n,)."""
-    n = space.dofmap.index_map.size_local * space.dofmap.bs
+def load_form(spec: SubstructureSpec, space: Any, force: Any) -> Any:
+    """The form of a body force, for assembly; None: there is none."""
     if force is None or (isinstance(force, (int, float)) and force == 0):
-        return np.zeros(n)
+        return None
     if not hasattr(force, "ufl_shape"):
         vector = np.asarray(force, dtype=np.float64)
         if not np.all(np.isfinite(vector)):
@@ -478,8 +477,15 @@ def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
         )
     v = ufl.TestFunction(space)
     around = ring(spec.part.mesh) if spec.axisymmetric else 1.0
-    nodal = fem.assemble_vector(fem.form(around * ufl.inner(force, v) * ufl.dx(domain=spec.part.mesh)))
-    return np.array(nodal.array, dtype=np.float64)
+    return fem.form(around * ufl.inner(force, v) * ufl.dx(domain=spec.part.mesh))
+
+
+def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
+    """Nodal forces of a body force, (n,)."""
+    form = load_form(spec, space, force)
+    if form is None:
+        return np.zeros(space.dofmap.index_map.size_local * space.dofmap.bs)
+    return np.array(fem.assemble_vector(form).array, dtype=np.float64)
 
 
 def discretise(spec: SubstructureSpec) -> Substructure:
@@ -490,7 +496,7 @@ def discretise(spec: SubstructureSpec) -> Substructure:
     volume, centre = _measure(mesh, where, spec.axisymmetric)
     if spec.axisymmetric:
         centre = np.array([0.0, centre[1]])
-    form, sources = _form(spec, space)
+    form, sources = form_of(spec, space)
     # in blocks of nodes: half the time of entries that are put into a PETSc matrix one by one
     K = fem.assemble_matrix(form).to_scipy().tocsr()
     matrix = petsc_matrix(K)
@@ -505,7 +511,7 @@ def discretise(spec: SubstructureSpec) -> Substructure:
     if abs(x @ (K @ y) - y @ (K @ x)) > 1e-9 * scale:
         raise SceneError(f"{where}: its stiffness is not symmetric; check the material")
     coordinates = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local, :d].copy()
-    modulus = _modulus(K, coordinates - centre, volume, spec.axisymmetric)
+    modulus = modulus_of(K, coordinates - centre, volume, spec.axisymmetric)
     if not modulus > 0.0:
         raise SceneError(
             f"{where}: a uniform shear has the energy {modulus * volume:g}; its stiffness must be "
@@ -538,6 +544,16 @@ def discretise(spec: SubstructureSpec) -> Substructure:
 
 
 def summary(s: Substructure) -> PartSummary:
+    modulus: Any = getattr(s.material, "E", None)
     return PartSummary(
-        s.dim, s.size, s.modulus, s.length, s.volume, s.centre, bool(np.any(s.load)), s.around
+        s.dim,
+        s.size,
+        s.modulus,
+        s.length,
+        s.volume,
+        s.centre,
+        bool(np.any(s.load)),
+        s.around,
+        float(modulus) if is_real(modulus) else None,
+        s.factor,
     )

@@ -186,11 +186,14 @@ def distance(one: ChaosResult, other: ChaosResult) -> float:
     square = float(over_ranks(one, np.sum(traces * solver.weights[:, None] * forces)))
     whole = float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
     modes = [i for i in found if i is not None]
-    return max([whole, *(_of_strain(one, other, part, modes) for part in one.plan.varied)])
+    strains = max((_of_strain(one, other, part, modes) for part in one.plan.varied), default=0.0)
+    return max(whole, float(over_ranks(one, strains, max)))
 
 
 def _of_strain(one: ChaosResult, other: ChaosResult, part: str, modes: Sequence[int]) -> float:
-    """The same of the strains of a part, in the energy norm of its mean stiffness; on one rank."""
+    """The same of the strains of a part, in the energy norm of its mean stiffness, on its rank; else 0."""
+    if part not in one.problem.substructures:
+        return 0.0
     stiffness = one.problem.substructures[part].matrix
     all_of_it = one.coefficients(part)
     change = all_of_it.copy()

@@ -164,6 +164,11 @@ def discretisation_error(
         raise SceneError(f"discretisation_error: result = {short(result)}; give a result of solve")
     if result.without_recovery is not None:
         raise SceneError(result.without_recovery)
+    if result.problem.spread:
+        raise SceneError(
+            f"discretisation_error: the mesh of {', '.join(map(repr, result.problem.spread))} is spread over "
+            "the ranks, and no stress of it is recovered: make it on COMM_SELF"
+        )
     if result.plan.varied:
         raise SceneError(
             f"discretisation_error: the stiffness of {', '.join(map(repr, result.plan.varied))} is random; "
@@ -331,9 +336,11 @@ def _axes(interface: Interface, normals: Array) -> Array:
 
 
 def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
-    """Side of an eliminated support or glue, directions (nodes, d), its nodal forces ([T], nodes, d)."""
+    """Side of an eliminated support or glue, directions (nodes, d), its nodal forces ([T], nodes, d).
+
+    On the rank that has its parts: what lies between ranks is not eliminated.
+    """
     name = quantity.interface
-    result.problem.on_one_rank(f"the reaction of {name!r}, which was assembled across,")
     if result.statistics != "value":
         raise SceneError(
             f"interface {name!r} was assembled across, its mean force is not known: solve with "
@@ -365,8 +372,12 @@ def _value(
     """The quantity in the result, at a step; collective."""
     name = quantity.interface
     if quantity.of == "force" and _is_reaction(result, name):
-        _, along, nodal = _reaction(result, quantity)
-        return float(np.sum(along * nodal[step if result.plan.times is not None else 0]))
+
+        def total() -> float:
+            _, along, nodal = _reaction(result, quantity)
+            return float(np.sum(along * nodal[step if result.plan.times is not None else 0]))
+
+        return float(result.problem.everywhere(name, total))
     interface = result.problem.interfaces[name]
 
     def read() -> tuple[Array, Array]:
@@ -435,7 +446,7 @@ class _Dual:
             elif name in plan.active:
                 if name in problem.own.interfaces:
                     jump[name] = _unit_jump(result, name, component)
-            elif _is_reaction(result, name):
+            elif _is_reaction(result, name) and name in problem.own.interfaces:
                 number, along, _ = _reaction(result, quantity)
                 side = problem.interfaces[name].sides[number]
                 part = problem.substructures[side.substructure]
@@ -443,7 +454,7 @@ class _Dual:
                 unit[side.nodes] = (2.0 * number - 1.0) * along
                 lift[part.name] = unit.ravel()
                 loads[part.name] = -(part.matrix @ unit.ravel())
-            else:
+            elif not _is_reaction(result, name):
                 loads = _pull(problem, quantity, law)
         size = max((float(np.abs(u).max()) for u in fields.values()), default=0.0)
         if problem.comm is not None:
@@ -463,8 +474,9 @@ class _Dual:
         solver, laws, amplitudes = result.solver, result.mean_laws, plan.amplitudes
         pattern = int(np.argmax(np.abs(amplitudes[:, self.column])))
         factor = float(amplitudes[pattern, self.column])
-        if self.loads and factor == 0.0:
-            raise SceneError("no load pattern acts at this time: choose another step")
+        with agreement(result.problem.comm):
+            if self.loads and factor == 0.0:
+                raise SceneError("no load pattern acts at this time: choose another step")
         before = self._base(laws)
         base: Mapping[str, Array]
         if before is result.state and plan.times is None:

@@ -546,8 +546,6 @@ def problem_function(
     settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
     check_problem("function", problem, plan)
     file = checkpoint_path("function", checkpoint)
-    if file is not None:
-        problem.on_one_rank("a checkpoint of a function")
     check_settings("function", plan, method, **settings)
     check_known("on_failure", on_failure, ("nan", "raise"), "function")
     named = _named("function", quantities)

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Checkpoint, CheckpointError
 
+from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.inference.events import Response
@@ -23,6 +24,7 @@ from dolfinx_frontend.inference.gradients import Derivatives
 from dolfinx_frontend.inference.system import laws_at_sets
 from dolfinx_frontend.inference.inputs import Inputs
 from dolfinx_frontend.kernel.fingerprint import Facts, fingerprint
+from dolfinx_frontend.kernel.rank_checkpoint import RankCheckpoint
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 
@@ -62,11 +64,16 @@ class Solved:
 
 
 class Journal:
-    """Entries of a checkpoint file, those of an earlier run first."""
+    """Entries of a checkpoint file, those of an earlier run first.
 
-    def __init__(self, path: Path, facts: Facts) -> None:
+    With a communicator, over which the parts are spread, all ranks make all calls; each has the states of its
+    parts.
+    """
+
+    def __init__(self, path: Path, facts: Facts, comm: Any = None) -> None:
+        self._file: Checkpoint | RankCheckpoint
         try:
-            self._file = Checkpoint(path, facts)
+            self._file = Checkpoint(path, facts) if comm is None else RankCheckpoint(comm, path, facts)
         except CheckpointError as error:
             raise SceneError(f"function: {error}") from error
         self._batches: dict[bytes, Solved] = {}
@@ -85,7 +92,7 @@ class Journal:
     @classmethod
     def of(cls, path: Path, inputs: Inputs, outputs: Mapping[str, Response], plan: Plan) -> Journal:
         """The file of a function, refused if it is of another one."""
-        return cls(path, facts_of(inputs, outputs, plan))
+        return cls(path, facts_of(inputs, outputs, plan), inputs.problem.comm)
 
     def batch(self, x: Array) -> Solved | None:
         """Points (n, inputs) that were solved together; None: they were not."""
@@ -144,12 +151,13 @@ def settle(solver: Solver) -> None:
     would be dear: there a run that goes on has the same digits up to rounding, which the tolerance of the
     solves may blow up.
     """
-    columns, rows = solver.plan.amplitudes.shape[1], solver.rows
-    if not 0 < rows <= SETTLED:
+    columns, rows, comm = solver.plan.amplitudes.shape[1], solver.rows, solver.problem.comm
+    most = rows if comm is None else max(exchanged(comm, rows))
+    if not 0 < most <= SETTLED:
         return
     sets = max(1, -(-512 // columns))
     laws = solver.laws if columns == 1 else laws_at_sets(solver, solver.laws, sets)
     data = np.zeros((rows, sets * columns), order="F")
     loads = np.zeros((len(solver.plan.amplitudes), sets * columns), order="F")
-    for _ in range(-(-4 * rows // (sets * columns))):
+    for _ in range(-(-4 * most // (sets * columns))):
         solver.global_stage(laws, data, loads)

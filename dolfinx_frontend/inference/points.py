@@ -48,7 +48,7 @@ def laws_at(solver: Solver, laws: Laws, parameters: Sequence[SweptParameter]) ->
                 block = laws.parameter(name, parameter)
                 if block.shape[1] > 1:
                     given.setdefault(name, {})[parameter] = np.asfortranarray(np.tile(block, (1, count)))
-    factors = factors_of(parameters, slice(None))
+    factors = factors_of(solver.problem, parameters, slice(None))
     return laws.with_(parameters=given, stiffness=factors or None)
 
 

@@ -73,19 +73,7 @@ beside it into double precision."""
 
 def _scale(problem: Problem, plan: Plan) -> float:
     """E / L of the scene."""
-    return _modulus(problem) / (plan.direction.length or _length(problem))
-
-
-def _modulus(problem: Problem) -> float:
-    """E of the scene: geometric mean of the moduli."""
-    return float(np.exp(np.mean([np.log(part.modulus) for part in problem.parts.values()])))
-
-
-def _length(problem: Problem) -> float:
-    """L of the scene: (sum of volumes)^(1/d)."""
-    parts = problem.parts.values()
-    d = next(iter(parts)).dim
-    return float(sum(part.length**d for part in parts) ** (1.0 / d))
+    return problem.modulus / (plan.direction.length or problem.length)
 
 
 def _direction(
@@ -96,7 +84,7 @@ def _direction(
     if given is not None:
         per_point = resolve(given, interface, 1, name="search direction")
         if per_point.size and per_point.min() > 0.0:  # others are refused by the kernel
-            usual = _modulus(problem) / _length(problem)
+            usual = problem.modulus / problem.length
             what = f"what is given for interface {interface.name!r}"
             check_reach(what, per_point.min() / usual, per_point.max() / usual, reach=GIVEN_REACH)
         return np.repeat(per_point.ravel(), fields.components)
@@ -105,7 +93,7 @@ def _direction(
     patch = law.search_direction == "patch"
     unit = plan.direction.factor * _scale(problem, plan)
     if plan.direction.length is not None:
-        usual = _modulus(problem) / _length(problem)
+        usual = problem.modulus / problem.length
         check_reach(f"with length = {plan.direction.length:g} it", unit / usual, reach=GIVEN_REACH)
     if plan.direction.length is None:
         shorter = 1.0
@@ -114,7 +102,7 @@ def _direction(
         if patch:
             # a body yields to a contact over the size of the contact, where that is smaller than the body's
             size = interface.area ** (1.0 / (interface.dim - 1))
-            shorter = max(shorter, _length(problem) / size)
+            shorter = max(shorter, problem.length / size)
         unit *= shorter
     if patch and plan.method == "accelerated" and not plan.macro:
         unit *= CONTACT

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import log2
 from typing import NamedTuple
 
-from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.interface import Interface, Side
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.assembly.substructure import Substructure
@@ -131,16 +131,20 @@ def _fill(part: Substructure) -> float:
 
 def bodies_of(problem: Problem, kept: tuple[str, ...]) -> Iterator[Body]:
     """The bodies that are left if all interfaces but those kept are eliminated."""
+    cut, touching = set(kept), dict[str, list[tuple[Interface, Side]]]()
+    for interface in problem.interfaces.values():
+        for side in interface.sides:
+            touching.setdefault(side.substructure, []).append((interface, side))
     for group in members_of_bodies(problem, set(problem.interfaces).difference(kept)):
         n = whole = sum(problem.substructures[name].size for name in group)
         on_body: set[tuple[str, int]] = set()
-        for name, interface in problem.interfaces.items():
-            mine = [s for s in interface.sides if s.substructure in group]
-            if name in kept:
-                for side in mine:
-                    on_body.update((side.substructure, int(node)) for node in side.nodes)
-            elif mine:
-                n -= _removed(interface)
+        inside: dict[str, Interface] = {}
+        for interface, side in (each for name in group for each in touching.get(name, ())):
+            if interface.name in cut:
+                on_body.update((side.substructure, int(node)) for node in side.nodes)
+            else:
+                inside[interface.name] = interface
+        n -= sum(map(_removed, inside.values()))
         n = max(n, 1)
         active = min(problem.dim * len(on_body), n)
         matrix = sum(problem.substructures[name].entries for name in group)

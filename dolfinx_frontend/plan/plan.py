@@ -715,7 +715,7 @@ def _around(problem: Problem, scaled: Sequence[str]) -> dict[str, str]:
     """What joins parts whose stiffness varies to others, or to springs -> why it is kept."""
     found = {}
     for name in scaled:
-        check_known("substructure", name, problem.substructures, "plan: scaled")
+        check_known("substructure", name, problem.parts, "plan: scaled")
     for name, interface in problem.interfaces.items():
         parts = dict.fromkeys([*(side.substructure for side in interface.sides), *interface.law.partners])
         varying = [part for part in parts if part in scaled]

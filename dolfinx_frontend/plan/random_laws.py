@@ -133,8 +133,7 @@ class RandomLaws:
         of_loads = [each for found in loads.values() for each in found]
         parts: dict[str, Source] = dict(problem.factors)
         for name, value in problem.fields.items():
-            stretch = problem.stretch(name)
-            parts[name] = value.on(stretch.points, stretch.weights, stretch.dimension)
+            parts[name] = value.on(*problem.cells_of(name))
         space = RandomSpace([*sources.values(), *of_loads, *parts.values()])
         return cls(problem, sources, tuple(dropped), space, loads, parts)
 

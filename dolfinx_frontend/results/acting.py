@@ -41,10 +41,15 @@ def stiffness_factors(values: Mapping[str, Array]) -> list[SweptParameter]:
     return found
 
 
-def factors_of(parameters: Sequence[SweptParameter], points: slice) -> dict[str, tuple[Array, None]]:
-    """Of them those of some points, for laws that are asked at all of these side by side."""
+def factors_of(
+    problem: Problem, parameters: Sequence[SweptParameter], points: slice
+) -> dict[str, tuple[Array, None]]:
+    """Of them those of some points and of parts of this rank, for laws that are asked at all of these side by
+    side."""
     return {
-        each.interface: (each.values[:, points], None) for each in parameters if each.parameter == STIFFNESS
+        each.interface: (each.values[:, points], None)
+        for each in parameters
+        if each.parameter == STIFFNESS and each.interface in problem.substructures
     }
 
 

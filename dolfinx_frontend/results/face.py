@@ -267,6 +267,11 @@ class Face(ABC):
             No such part or step, or samples whose states were not kept.
         """
         self._check_part(part)
+        if part in getattr(self.problem, "spread", ()):
+            raise SceneError(
+                f"displacement of {part!r}: its mesh is spread over the ranks: on all of them, "
+                f"problem.spread[{part!r}].displacement(result.displacements.get({part!r}))"
+            )
         step = check_step(self.times, step, "displacement")
         return self.function(part, stepped(self.unknowns(part), self.times)[step], "displacement")
 

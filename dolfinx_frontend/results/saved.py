@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -37,6 +38,7 @@ from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.readings import Measures, Readings, read
 from dolfinx_frontend.results.runs import RUN_FORMAT, RUN_VERSION, from_run
 from dolfinx_frontend.results.writing import FORMAT, NO_FIELDS, VERSION, ResultFileError, write
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = [
@@ -96,7 +98,8 @@ class SavedInterface(PointFrames):
     Attributes
     ----------
     law, description
-        Name of its law, and the law with its values in words.
+        Name of its law (of :meth:`SavedResult.with_laws` the law itself), and the law with its values in
+        words.
     sides
         One or two; ``str(side)`` is ``"part:face"``.
     points, weights, frames
@@ -118,7 +121,7 @@ class SavedInterface(PointFrames):
     """
 
     name: str
-    law: str
+    law: str | Law
     description: str
     sides: tuple[SavedSide, ...]
     points: Array = field(repr=False)
@@ -308,6 +311,13 @@ class SavedResult(Face):
             dict(measured), self.statistics, plan.times, self.weights, self.coordinates, missing
         )
 
+    def with_laws(self, laws: Mapping[str, Law]) -> SavedResult:
+        """The same in the process that has saved it, which knows the laws of its interfaces."""
+        own = {name: replace(each, law=laws[name]) for name, each in self.problem.interfaces.items()}
+        again = copy(self)
+        again.problem = replace(self.problem, interfaces=own)
+        return again
+
     @property
     def kind(self) -> AnswerKind:
         """What was saved."""
@@ -371,7 +381,7 @@ class SavedResult(Face):
         each = self.interfaces[interface]
         return Surface(
             each.name,
-            each.law,
+            each.law if isinstance(each.law, str) else each.law.title,
             each.points,
             each.weights,
             each.normals,

@@ -210,7 +210,7 @@ class PointResults(Face):
         if amplitudes.shape[1] != data.shape[1]:  # the loads are the same at all points
             amplitudes = np.asfortranarray(np.tile(amplitudes, (1, len(states))))
         laws = self.laws
-        if factors := factors_of(self._swept_loads(), part):
+        if factors := factors_of(self.problem, self._swept_loads(), part):
             laws = laws.with_(stiffness=factors)
         fields = self.solver.displacements(laws, state, amplitudes)
         return {

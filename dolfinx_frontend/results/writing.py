@@ -208,7 +208,8 @@ def _alike(values: list[Array]) -> Array:
 
 def _beside(answer: Any, name: str) -> bool:
     """Whether the stress of a part depends on more than its displacement and its material."""
-    return bool(answer.problem.initial_stresses(name)) or name in answer.plan.varied
+    of_load = bool(answer.problem.initial_stresses(name)) or name in answer.plan.varied
+    return of_load or name in getattr(answer.problem, "spread", ())
 
 
 def _part_tree(answer: Any, name: str) -> Tree:

@@ -198,12 +198,12 @@ class Scene:
             )
         if not spec.lazy:
             spec = spec.made()
-            for other in self.substructures.values():
-                if not other.lazy and other.dim != spec.dim:
-                    raise SceneError(
-                        f"{where} has {spec.dim} dimensions, {other.name!r} has {other.dim}; "
-                        "a scene has one dimension"
-                    )
+            other = next((each for each in self.substructures.values() if not each.lazy), spec)
+            if other.dim != spec.dim:
+                raise SceneError(
+                    f"{where} has {spec.dim} dimensions, {other.name!r} has {other.dim}; "
+                    "a scene has one dimension"
+                )
         self.substructures[name] = spec
 
     def _face(self, text: str, where: str) -> Face:
@@ -380,7 +380,7 @@ class Scene:
         Parameters
         ----------
         faces
-            ``"substructure:face"``, on one MPI rank.
+            ``"substructure:face"``; their parts are put on one MPI rank.
         point
             Of the body, whose displacement x, y, z are; None: the centroid of its nodes.
         motions

@@ -96,6 +96,11 @@ class SubstructureSpec:
         return callable(self.source)
 
     @property
+    def spread(self) -> bool:
+        """Whether its mesh is spread over the ranks."""
+        return not self.lazy and int(self.part.mesh.comm.size) > 1
+
+    @property
     def part(self) -> PartLike:
         """The part, once it is made."""
         assert not self.lazy
@@ -135,8 +140,11 @@ class SubstructureSpec:
             raise SceneError(
                 f"{where}: {spec.cell} cells in {spec.dim} dimensions (a shell); use solid cells"
             )
-        if spec.part.mesh.comm.size != 1:
-            raise SceneError(f"{where}: its mesh is spread over processes; make it on COMM_SELF")
+        if spec.spread and callable(self.source):
+            raise SceneError(
+                f"{where}: its mesh is spread over processes: give the mesh, which all of them have, and no "
+                "function; or make it on COMM_SELF"
+            )
         factor = getattr(spec.material, "factor", 1.0)
         if is_uncertain(factor) or is_random_field(factor):
             if is_uncertain(spec.stiffness) or is_random_field(spec.stiffness):

@@ -18,7 +18,7 @@ from dolfinx_frontend.sheets.names import BOLT, MARGINS, SEAL, Name
 from dolfinx_frontend.sheets.numbers import Numbers, margins_in, numbers_of, steps_of
 from dolfinx_frontend.sheets.page import number
 from dolfinx_frontend.sheets.seals import Seal, SealNumbers, seal_margin_in, seal_numbers
-from dolfinx_frontend.sheets.statistics import Known, below, statistics_of, tightened
+from dolfinx_frontend.sheets.statistics import Known, below, statistics_of
 from dolfinx_frontend.uncertainty.quantities import Estimate
 
 __all__ = ["Content", "Row", "Wanted", "content_of", "margins_of", "status_line"]
@@ -156,20 +156,21 @@ class Content:
         return Table(columns, ("section", "name", "key", "statistic"))
 
 
-def content_of(answer: Answer, wanted: Wanted, known: Known, measure: bool) -> Content:
+def content_of(answer: Answer, wanted: Wanted, known: Known, carried_on: Callable[[], Any]) -> Content:
     """Everything that stands on the sheet.
 
     Parameters
     ----------
-    measure
-        Whether the error of the iteration is measured by carrying it on.
+    carried_on
+        Makes the answer with its iteration carried on, from which the error of the iteration is measured; of
+        None it is not.
     """
     numbers = _numbers(answer, wanted)
     left_out = [f"{why} ({_few(names)})" for why, names in numbers.why.items()]
     seals = _seals(answer, wanted, left_out)
     after: tuple[Numbers, dict[str, SealNumbers]] | None = None
-    if measure and (numbers.values or seals):
-        tight = tightened(answer)
+    if numbers.values or seals:
+        tight = carried_on()
         if tight is not None:
             after = _numbers(tight, wanted), _seals(tight, wanted, [])
     limit = max(LEAST, TEN * known.algebra) if np.isfinite(known.algebra) else LEAST

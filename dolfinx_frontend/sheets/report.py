@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.checks import (
     checked_flag,
     checked_name,
@@ -23,10 +27,11 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import made_folder, write_text
 from dolfinx_frontend.formats.chaos_file import software
 from dolfinx_frontend.results.answer import Answer, check_answer
+from dolfinx_frontend.results.saved import load
 from dolfinx_frontend.results.tables import QUANTILES, Table
 from dolfinx_frontend.sheets import page as html
 from dolfinx_frontend.sheets import pictures as drawn
-from dolfinx_frontend.sheets.clamping import bolts_of
+from dolfinx_frontend.sheets.clamping import Bolt, bolts_of
 from dolfinx_frontend.sheets.content import (
     Content,
     Row,
@@ -39,7 +44,7 @@ from dolfinx_frontend.sheets.names import BOLT, SEAL, by_pattern, units_of
 from dolfinx_frontend.sheets.page import Cell, number
 from dolfinx_frontend.sheets.pictures import Picture
 from dolfinx_frontend.sheets.seals import seals_of
-from dolfinx_frontend.sheets.statistics import errors_known, label
+from dolfinx_frontend.sheets.statistics import Known, errors_known, label, tightened
 
 __all__ = ["Report", "report"]
 
@@ -152,6 +157,7 @@ def _paths(path: str | Path) -> tuple[Path, Path]:
     return page, stem.with_name(stem.name + ".csv")
 
 
+@together("report")
 def report(
     result: Answer,
     path: str | Path | None = None,
@@ -213,14 +219,100 @@ def report(
     Raises
     ------
     SceneError
-        A name that there is not, or a value that makes no sense; a problem on several ranks.
+        A name that there is not, or a value that makes no sense.
     FileError
         The files cannot be written.
+
+    Notes
+    -----
+    Collective where the parts are on several ranks: the first one, which is given the answer as :meth:`save`
+    writes it, makes the sheet and the files, and all ranks get it.
     """
     check_answer("report", "result", result)
-    result.problem.on_one_rank("report")
     if path is not None:
         _paths(path)
+    settings: dict[str, Any] = {
+        "title": title,
+        "units": units,
+        "bolts": bolts,
+        "joints": joints,
+        "seals": seals,
+        "friction": friction,
+        "stress_area": stress_area,
+        "arc": arc,
+        "quantiles": quantiles,
+        "pictures": pictures,
+        "renderer": renderer,
+        "samples": samples,
+        "seed": seed,
+    }
+    if result.problem.comm is None:
+        known = partial(errors_known, result, errors)
+        tight = partial(tightened, result) if _carries_on(errors) else _none
+        made = _made(result, known, tight, **settings)
+    else:
+        made = _over_ranks(result, errors, settings)
+    if path is not None and result.problem.rank == 0:
+        made.save(path)
+    return made
+
+
+def _carries_on(errors: Any) -> bool:
+    """Whether the iteration is carried on to know what it left."""
+    return errors is True or (isinstance(errors, str) and errors == "goal")
+
+
+def _none() -> None:
+    """No answer that was carried on."""
+
+
+def _over_ranks(result: Answer, errors: Any, settings: dict[str, Any]) -> Report:
+    """The sheet of an answer whose parts are on several ranks; collective."""
+    problem, comm = result.problem, result.problem.comm
+    problem.check_alike("report", errors=errors if isinstance(errors, bool) else None, **settings)
+    if isinstance(errors, str):
+        raise SceneError(f"report: errors = {errors!r} needs all parts on one rank; give True or False")
+    known = errors_known(result, errors, ())
+    every: list[Any] = [result, tightened(result) if _carries_on(errors) else None]
+    folder = comm.bcast(tempfile.mkdtemp() if problem.rank == 0 else None, root=0)
+    found: Report | None = None
+    try:
+        files = [None if each is None else Path(folder) / f"{k}.h5" for k, each in enumerate(every)]
+        for each, file in zip(every, files, strict=True):
+            if each is not None:
+                each.save(file)
+        with agreement(comm):
+            if problem.rank == 0:
+                laws = {name: interface.law for name, interface in problem.interfaces.items()}
+                first, second = (None if file is None else load(file).with_laws(laws) for file in files)
+                found = _made(first, lambda _: known, lambda: second, **settings)
+    finally:
+        if problem.rank == 0:
+            shutil.rmtree(folder, ignore_errors=True)
+    made: Report = comm.bcast(found, root=0)
+    return made
+
+
+def _made(
+    result: Any,
+    known: Callable[[Sequence[Bolt]], Known],
+    tight: Callable[[], Any],
+    *,
+    title: str,
+    units: tuple[str, str] | None,
+    bolts: Any,
+    joints: Any,
+    seals: Any,
+    friction: Any,
+    stress_area: Any,
+    arc: float,
+    quantiles: Sequence[float],
+    pictures: bool,
+    renderer: Literal["auto", "vtk", "matplotlib"],
+    samples: int | None,
+    seed: int,
+) -> Report:
+    """The sheet of an answer that is on this rank, its errors, and what it is when it is carried on."""
     checked_name("report, title", title)
     checked_flag("report", "pictures", pictures)
     checked_word("report", "renderer", renderer, ("auto", "vtk", "matplotlib"))
@@ -240,11 +332,10 @@ def report(
         samples,
         seed,
     )
-    known = errors_known(result, errors, found)
-    content = content_of(result, wanted, known, errors is True or errors == "goal")
+    content = content_of(result, wanted, known(found), tight)
     images = _pictures(content, renderer) if pictures else []
     sheet = html.page(title, _sections(content, title, images))
-    made = Report(
+    return Report(
         sheet,
         content.table(),
         tuple(content.order),
@@ -252,9 +343,6 @@ def report(
         tuple(content.left_out),
         _printed(content),
     )
-    if path is not None:
-        made.save(path)
-    return made
 
 
 def _positive(what: str, given: Any, names: list[str], least: bool = False) -> dict[str, float]:

@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,9 @@ import scipy.sparse as sp
 from latin_core import Options, SweptParameter, snake_order
 from petsc4py import PETSc as _PETSc
 
+from dolfinx_frontend.assembly.gathered import gathered
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.errors import SceneError
@@ -33,6 +35,7 @@ from dolfinx_frontend.results.chaos import amplitudes_of
 from dolfinx_frontend.results.runs import NOT_KEPT
 from dolfinx_frontend.results.surfaces import law_contact, surface_of
 from dolfinx_frontend.results.writing import interface_tree
+from dolfinx_frontend.scene.amplitudes import check_times
 from dolfinx_frontend.solvers import galerkin, sweep
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
@@ -83,6 +86,7 @@ class _Matrices:
         self.files.append(name)
 
 
+@together("export")
 def export(
     problem: Problem,
     folder: str | Path,
@@ -102,7 +106,8 @@ def export(
     ``latin_run FOLDER`` then does what :func:`dolfinx_frontend.solve` (or, with a grid,
     :func:`dolfinx_frontend.sweep`) would do with the same arguments, on any number of ranks, and
     :func:`dolfinx_frontend.load` reads its file. Of a direct plan it makes no corrections of rounding, and of
-    a chaos no deterministic solves to check it.
+    a chaos no deterministic solves to check it. Where the parts are on several ranks all of them make the
+    call, and the first one, which is given the matrices of all, writes the folder that one rank would write.
 
     Parameters
     ----------
@@ -129,10 +134,32 @@ def export(
     settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
     check_problem("export", problem, plan)
     check_settings("export", plan, method, **settings)
-    problem.on_one_rank("export")
     target = checked_path("export", folder)
     if chaos is not None and grid is not None:
         raise SceneError("export: chaos and grid are two computations: export each into its own folder")
+    asked = {"method": method, "chaos": chaos, "grid": grid, "plan": plan is None, "indefinite": indefinite}
+    problem.check_alike("export", laws=True, folder=str(target), **asked, **settings)
+    moments = plan.times if plan is not None else None if times is None else check_times(times)
+    shown = _shown(problem, moments)
+    whole = gathered(problem)
+    with agreement(problem.comm):
+        if whole is not None:
+            _export(whole, shown, target, method, settings, chaos, grid, plan, indefinite)
+    return target
+
+
+def _export(
+    problem: Problem,
+    shown: Shown,
+    target: Path,
+    method: Method,
+    settings: dict[str, Any],
+    chaos: Chaos | int | None,
+    grid: Mapping[Any, Sequence[float]] | None,
+    plan: Plan | None,
+    indefinite: Literal["refuse", "prove"],
+) -> None:
+    """As :func:`export`, of a problem that is on this rank but for what is shown of it."""
     more: Tree = {}
     steps, modes, values, columns = None, 1, {}, {}
     if chaos is not None:
@@ -169,9 +196,8 @@ def export(
         "laws": _laws_tree(steps or plan.steps, modes, _merged(base, values), columns, plan.measured_in_time),
         "amplitudes": amplitudes,
     }
-    tree["face"] = _face(problem, plan, more["face"])
+    tree["face"] = _face(problem, shown, plan, more["face"])
     _write(target, described, tree)
-    return target
 
 
 def _check_laws(problem: Problem, plan: Plan) -> None:
@@ -310,7 +336,34 @@ def _chaos_face(wanted: galerkin.Planned, ready: galerkin.Prepared) -> Tree:
     }
 
 
-def _face(problem: Problem, plan: Plan, more: Tree) -> Tree:
+class Shown(NamedTuple):
+    """What a reader sees of interfaces and parts, by name: what is made from their meshes."""
+
+    interfaces: dict[str, Tree]
+    parts: dict[str, Tree]
+
+
+def _shown(problem: Problem, times: Array | None) -> Shown:
+    """That of all ranks; collective."""
+    own = Shown({}, {})
+    with agreement(problem.comm):
+        for name, interface in problem.interfaces.items():
+            if interface.sides[interface.carrier].substructure in problem.substructures:
+                surface = surface_of(interface, times)
+                own.interfaces[name] = interface_tree(problem, name, surface)
+                own.interfaces[name]["bolt"] = -1 if surface.bolt is None else surface.bolt
+        for name, part in problem.substructures.items():
+            mesh = part_arrays(part.part, part.V, part.material)
+            own.parts[name] = {"nodes": part.dof_coordinates, "mesh": mesh}
+    if problem.comm is None:
+        return own
+    every = problem.comm.gather(own, root=0) or []
+    interfaces = {name: each for found in every for name, each in found.interfaces.items()}
+    parts = {name: each for found in every for name, each in found.parts.items()}
+    return Shown(interfaces, {name: parts[name] for name in problem.parts if name in parts})
+
+
+def _face(problem: Problem, shown: Shown, plan: Plan, more: Tree) -> Tree:
     """What :func:`dolfinx_frontend.load` needs beside the numbers of the run."""
     about = {
         "software": chaos_file.software(),
@@ -320,20 +373,14 @@ def _face(problem: Problem, plan: Plan, more: Tree) -> Tree:
     }
     kind = about["kind"]
     interfaces = {}
-    for name, interface in problem.interfaces.items():
-        surface = surface_of(interface, plan.times)
-        node = interface_tree(problem, name, surface)
-        node["bolt"] = -1 if surface.bolt is None else surface.bolt
+    for name in problem.interfaces:
+        node = shown.interfaces[name]
         contact = law_contact(problem, plan, name) if kind in ("deterministic", "history") else None
         if contact is not None:
             known = {key: getattr(contact, key) for key in ("clearance", "friction", "threshold")}
             node["contact"] = {key: values for key, values in known.items() if values is not None}
         interfaces[name] = node
-    parts = {
-        name: {"nodes": part.dof_coordinates, "mesh": part_arrays(part.part, part.V, part.material)}
-        for name, part in problem.substructures.items()
-    }
-    tree = {"active": list(plan.active), "interfaces": interfaces, "substructures": parts}
+    tree = {"active": list(plan.active), "interfaces": interfaces, "substructures": shown.parts}
     if plan.times is not None:
         tree["times"] = np.asarray(plan.times, dtype=np.float64)
         if plan.history != "steps":

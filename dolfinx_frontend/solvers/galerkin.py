@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Iteration, Laws, Options, State, stochastic
 
+from dolfinx_frontend.assembly.gathered import gathered
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
@@ -268,13 +269,22 @@ def _guard(
         )
         for key, matrix in matrices.items()
     }
-    problem.on_one_rank("the proof that the structure is definite (indefinite='prove')")
-    if not bridge.definite(problem, floors):
+    if not _definite(problem, floors):
         raise IndefiniteError(
             "\n".join(bad) + "\nthe structure as a whole could not be proven definite either (Cholesky "
             f"with every random stiffness at its smallest eigenvalue breaks down); {remedy}"
         )
     return tuple(bad)
+
+
+def _definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
+    """As :func:`bridge.definite`; on several ranks by the first one, which is given the matrices of all."""
+    whole, comm = gathered(problem), problem.comm
+    found = False
+    with agreement(comm):
+        if whole is not None:
+            found = bridge.definite(whole, floors)
+    return found if comm is None else bool(comm.bcast(found, root=0))
 
 
 def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:
@@ -422,8 +432,9 @@ class Changes:
                 columns[name] = [each.kernel() for each in groups]
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
-        factors = {part: (each.values[0], each.forward[0]) for part, each in parts.items()}
-        return cls(steps, len(basis), parameters, columns, {**factors, **inside})
+        every: dict[str, Any] = {p: (each.values[0], each.forward[0]) for p, each in parts.items()}
+        here = {p: v for p, v in (every | dict(inside)).items() if p in random.problem.substructures}
+        return cls(steps, len(basis), parameters, columns, here)
 
     def applied(self, laws: Laws) -> Laws:
         """The laws with the changes."""

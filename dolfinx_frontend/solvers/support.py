@@ -66,6 +66,9 @@ _CLIMB = 1.5
 _JAMMED = 1e-6
 """Cosine below which a force counts as perpendicular to a motion."""
 
+_CANCELLED = 1e-9
+"""Work of pressures, relative to that of the loads, below which it is what rounding has left of nothing."""
+
 _FLOATS = 10.0
 """A part whose rigid motion is so much larger than its other displacements floats."""
 
@@ -234,14 +237,49 @@ def _grips(problem: Problem, jumps: Mapping[str, Array]) -> dict[str, _Grip]:
     return problem.gather(out)
 
 
-def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | None:
+def _shares(forces: Array, target: Array) -> Array:
+    """Shares >= 0 of columns whose sum is nearest to a target."""
+    # not scipy.optimize.nnls: that of version 1.15 misses the minimum in one case of a hundred
+    fitted = lsq_linear(forces, target, (0.0, np.inf), "bvls", tol=1e-14, max_iter=20 * forces.shape[1])
+    return np.asarray(fitted.x)
+
+
+def _capped(vectors: Array, limits: Array) -> Array:
+    """Vectors (m, k) shortened to limits (m,)."""
+    size = np.linalg.norm(vectors, axis=1)
+    return np.asarray(vectors * np.minimum(1.0, limits / np.where(size > 0.0, size, 1.0))[:, None])
+
+
+def _carried(grips: Mapping[str, _Grip], forces: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Work (q,) of forces (m, components) that were reached, as far as they are admissible: of pressures with
+    their friction, and of what is bounded."""
+    of_cone, of_discs = [], []
+    for name, grip in grips.items():
+        pressure = np.maximum(-forces[name][:, 0], 0.0)
+        rubs = forces[name][:, 1 : 1 + grip.slip.shape[1]]
+        if rubs.shape[1] < grip.slip.shape[1]:
+            rubs = np.zeros((len(rubs), grip.slip.shape[1]))
+        held_by_pressure = _capped(rubs, grip.friction * pressure)
+        rest = _capped(rubs - held_by_pressure, grip.threshold)
+        of_cone.append(
+            np.einsum("p,pi,piq->q", grip.weights, held_by_pressure, grip.slip)
+            - (grip.weights * pressure) @ grip.opening
+        )
+        of_discs.append(np.einsum("p,pi,piq->q", grip.weights, rest, grip.slip))
+    return np.sum(of_cone, axis=0), np.sum(of_discs, axis=0)
+
+
+def _driven(
+    work: Array, grips: Mapping[str, _Grip], least: float, reached: Mapping[str, Array] | None = None
+) -> Array | None:
     """The motion (q,) in which the loads push hardest against what the interfaces can bear; None if that
     is less than `least` per unit of motion.
 
     It is what remains of the loads when the nearest admissible forces are taken away: a cone of pressures
     with their friction and a sum of discs of bounded friction, from which the forces that do most against
     the motion are added one by one (P. Wolfe, Finding the nearest point in a polytope, Math. Programming
-    11 (1976) 128-149). What is returned has been verified point by point.
+    11 (1976) 128-149). What is returned has been verified point by point. Forces that an iteration has
+    reached, (m, components), are the first of them: mostly they leave nothing.
     """
     points = [g for g in grips.values() if len(g.weights)]
     opening = np.concatenate([g.opening for g in points])
@@ -259,6 +297,16 @@ def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | No
     discs: Array = np.zeros((len(work) + 1, 1))
     discs[-1] = _CONVEX
     motion: Array = target[:-1]
+    if reached is not None and all(np.all(np.isfinite(reached[name])) for name in grips):
+        of_cone, of_discs = _carried(grips, reached)
+        size = float(np.linalg.norm(of_cone))
+        if size > _CANCELLED * scale:
+            rays = np.append(of_cone / size, 0.0)[:, None]
+        discs = np.hstack([discs, np.append(of_discs / scale, _CONVEX)[:, None]])
+        share = _shares(np.hstack([rays, discs]), target)
+        motion = (target - np.hstack([rays, discs]) @ share)[:-1]
+        if np.linalg.norm(motion) * scale <= least:
+            return None
     for _ in range(_ROUNDS):
         slipped = slip @ motion
         speed = np.linalg.norm(slipped, axis=1)
@@ -266,6 +314,8 @@ def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | No
         length = float(np.linalg.norm(motion))
         gain = float(motion @ work - bounds @ speed) / length
         if push.max() <= _JAMMED * length and gain >= 0.999 * length * scale:
+            if gain > least and reached is not None:  # a good motion, but not the purest one
+                return _driven(work, grips, least)
             found = np.asarray(motion / length, dtype=np.float64)
             return found if gain > least else None
         along = slipped / np.where(speed > 0.0, speed, 1.0)[:, None]
@@ -281,11 +331,7 @@ def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | No
         disc = np.einsum("p,pi,piq->q", bounds, along, slip) / scale
         discs = np.hstack([discs, np.append(disc, _CONVEX)[:, None]])
         forces_now = np.hstack([rays, discs])
-        # not scipy.optimize.nnls: that of version 1.15 misses the minimum in one case of a hundred
-        fitted = lsq_linear(
-            forces_now, target, (0.0, np.inf), "bvls", tol=1e-14, max_iter=20 * forces_now.shape[1]
-        )
-        share = fitted.x
+        share = _shares(forces_now, target)
         motion = (target - forces_now @ share)[:-1]
         if np.linalg.norm(motion) * scale <= least:
             return None
@@ -351,10 +397,15 @@ _MEND = (
 
 
 def _check_loads(
-    motions: FreeMotions, grips: Mapping[str, _Grip], work: Array, size: float, when: str
+    motions: FreeMotions,
+    grips: Mapping[str, _Grip],
+    work: Array,
+    size: float,
+    when: str,
+    reached: Mapping[str, Array] | None = None,
 ) -> None:
     """Raise if nothing can balance the loads."""
-    motion = _driven(work, grips, _CERTAIN * size)
+    motion = _driven(work, grips, _CERTAIN * size, reached)
     if motion is None:
         return
     shown = _without_climb(grips, motion)
@@ -379,7 +430,7 @@ def _check_slip(
     for name, grip in grips.items():
         pressure = np.maximum(-reached[name][:, 0], 0.0)
         bounded[name] = grip.with_bounds(grip.friction * pressure + grip.threshold)
-    motion = _driven(work, bounded, _DOUBTFUL * size)
+    motion = _driven(work, bounded, _DOUBTFUL * size, reached)
     if motion is None:
         return False
     who, how = _names(motions, motion)
@@ -451,9 +502,6 @@ def check_support(result: Result) -> None:
     if not result.converged:
         _tell_motion(result, checks)
         _tell_corners(result, contacts)
-    _check_balance(problem, steps, checks)
-    if result.status == "diverged":
-        return  # its forces mean nothing
     answers = problem.gather(
         {
             name: _answers(result, problem.interfaces[name], [now for _, _, now in steps])
@@ -461,6 +509,9 @@ def check_support(result: Result) -> None:
             if name in problem.own.interfaces and problem.speaks_for(name)
         },
     )
+    _check_balance(problem, steps, checks, answers)
+    if result.status == "diverged":
+        return  # its forces mean nothing
     if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):
         return
 
@@ -533,11 +584,17 @@ def check_balance(result: Result) -> None:
         _check_balance(problem, steps, _checks(problem, contacts, steps))
 
 
-def _check_balance(problem: Problem, steps: Sequence[_Step], checks: Mapping[int, _Check]) -> None:
+def _check_balance(
+    problem: Problem,
+    steps: Sequence[_Step],
+    checks: Mapping[int, _Check],
+    answers: Mapping[str, Sequence[_Reached]] | None = None,
+) -> None:
     def loads_are_balanced() -> None:
         for k, each in sorted(checks.items()):
             balance = each.balance
-            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0])
+            forces = None if answers is None else {name: found[k].force for name, found in answers.items()}
+            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0], forces)
 
     if checks:
         _decide(problem, loads_are_balanced)

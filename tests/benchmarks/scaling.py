@@ -42,11 +42,11 @@ TIMES = ("iteration_s", "fastest_iteration_s", "global_cpu_s", "setup_s")
 FACES = {"x0": (0, 0), "x1": (0, 1), "z0": (2, 0)}  # axis, end
 
 
-def block(k: int, cells: int) -> Part:
+def block(k: int, cells: int, comm: Any = MPI.COMM_SELF) -> Part:
     """Unit cube number k of the chain along x."""
     low = np.array([k, 0.0, 0.0])
     mesh = dmesh.create_box(
-        MPI.COMM_SELF, [low, low + 1.0], [cells] * 3, dmesh.CellType.hexahedron
+        comm, [low, low + 1.0], [cells] * 3, dmesh.CellType.hexahedron
     )
     facets, tags = [], []
     for number, (axis, end) in enumerate(FACES.values(), start=1):

@@ -147,3 +147,25 @@ def test_checkpoints_survive_a_rank_that_ends(how: str, tmp_path: Path) -> None:
     run = launch(2, "mpi_files.py", "resume", str(tmp_path))
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.count("resumed") == 2
+
+
+def test_stiffnesses_of_parts_vary_over_ranks() -> None:
+    run = launch(2, "mpi_stiffness.py")
+    assert run.returncode == 0, run.stdout + run.stderr
+    for what in ("random parts", "swept parts", "heat", "errors"):
+        assert run.stdout.count(f"same {what} on rank") == 2
+
+
+def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
+    run = launch(2, "mpi_gather.py", str(tmp_path))
+    assert run.returncode == 0, run.stdout + run.stderr
+    for what in ("folder", "proof", "function", "sheet", "support"):
+        assert run.stdout.count(f"same {what} on rank") == 2
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int) -> None:
+    run = launch(ranks, "mpi_spread.py")
+    assert run.returncode == 0, run.stdout + run.stderr
+    for what in ("same part", "same columns", "refused"):
+        assert run.stdout.count(f"{what} on rank") == ranks

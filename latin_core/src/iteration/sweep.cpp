@@ -179,6 +179,7 @@ class Sweep {
         point_callback_(point_callback),
         where_(coordinates(parameters)) {
     // of the interfaces of other ranks only the values count: they say which points are near
+    bool varies = false;
     for (const SweptParameter& each : parameters) {
       if (each.interface.empty()) {
         check_load(each);
@@ -187,7 +188,14 @@ class Sweep {
       }
       if (each.parameter == stiffness_parameter) {
         check_stiffness(each);
-        stiffness_.push_back(&each);
+        const bool here = std::ranges::any_of(structure_.members(), [&each](const auto& body) {
+          return std::ranges::find(body, each.interface) != body.end();
+        });
+        const bool somewhere = structure_.communicator().maximum(here ? 1 : 0) > 0;
+        if (here || !somewhere) {
+          stiffness_.push_back(&each);
+        }
+        varies = true;
         continue;
       }
       const bool here = structure_.has_interface(each.interface);
@@ -196,8 +204,7 @@ class Sweep {
         own_parameters_.push_back(&each);
       }
     }
-    scales_ = laws_.scales_anywhere() ||
-              structure_.communicator().maximum(stiffness_.empty() ? 0 : 1) > 0;
+    scales_ = laws_.scales_anywhere() || varies;
     const Communicator& ranks = structure_.communicator();
     const double bytes = 8.0 *
                          static_cast<double>(ranks.maximum(structure_.rows()) * amplitudes.cols()) *

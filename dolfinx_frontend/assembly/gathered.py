@@ -1,0 +1,105 @@
+"""A problem whose parts are on several ranks, on one of them: its matrices, without meshes and materials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from dolfinx_frontend.assembly.elements import csr, petsc_matrix
+from dolfinx_frontend.assembly.interface import Interface, Side
+from dolfinx_frontend.assembly.part_loads import PartLoad
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.scene.laws import Perfect
+
+__all__ = ["gathered"]
+
+_LEFT = ("part", "space", "stiffness", "material", "sources", "factor")
+"""What of a part does not travel, or not as it is."""
+
+
+class _Own(NamedTuple):
+    """What a rank sends: of parts their stiffness and the rest; of interfaces all but laws and traces; sides
+    with their traces, and their column of the matching nodes; nodal forces of loads."""
+
+    parts: dict[str, tuple[sp.csr_matrix, dict[str, Any]]]
+    interfaces: dict[str, Interface]
+    sides: dict[tuple[str, int], tuple[Side, sp.csr_matrix, Any]]
+    loads: dict[str, dict[str, dict[str, Array]]]
+
+
+def gathered(problem: Problem) -> Problem | None:
+    """All of a problem on the first rank, as it would be assembled there; None on the others. Collective.
+
+    Its parts have no meshes, spaces and materials: it can be planned, reduced and handed to the kernel. A
+    problem of one rank is its own.
+    """
+    if problem.distribution is None:
+        return problem
+    comm = problem.comm
+    with agreement(comm):
+        own = _own(problem)
+    every = comm.gather(own, root=0)
+    found = None
+    with agreement(comm):
+        if comm.rank == 0:
+            found = _joined(problem, every)
+    return found
+
+
+def _own(problem: Problem) -> _Own:
+    parts, interfaces, sides = {}, {}, {}
+    for name, part in problem.substructures.items():
+        rest = {each.name: getattr(part, each.name) for each in fields(part) if each.name not in _LEFT}
+        parts[name] = (csr(part.stiffness), rest)
+    for name, interface in problem.interfaces.items():
+        if problem.speaks_for(name):
+            bare = tuple(replace(side, trace=None) for side in interface.sides)
+            interfaces[name] = replace(interface, law=Perfect(), sides=bare)
+        for number, side in enumerate(interface.sides):
+            if side.substructure in problem.substructures:
+                nodes = None if interface.matching is None else interface.matching[:, number]
+                sides[name, number] = (replace(side, trace=None), csr(side.trace), nodes)
+    loads = {name: {p: dict(of) for p, of in each.columns.items()} for name, each in problem.loads.items()}
+    return _Own(parts, interfaces, sides, loads)
+
+
+def _joined(problem: Problem, every: list[_Own]) -> Problem:
+    """The problem from what all ranks have sent; what all of them know is taken from here."""
+    sent = {name: each for own in every for name, each in own.parts.items()}
+    parts = {
+        name: Substructure(
+            part=None,  # type: ignore[arg-type]
+            space=None,
+            stiffness=petsc_matrix(sent[name][0]),
+            factor=known.factor,
+            **sent[name][1],
+        )
+        for name, known in problem.parts.items()
+    }
+    bare = {name: each for own in every for name, each in own.interfaces.items()}
+    of_sides = {where: each for own in every for where, each in own.sides.items()}
+    interfaces = {}
+    for name, known in problem.interfaces.items():
+        sides, matching = [], []
+        for number in range(len(bare[name].sides)):
+            side, trace, nodes = of_sides[name, number]
+            sides.append(replace(side, trace=petsc_matrix(trace)))
+            matching.append(nodes)
+        pairs = None if bare[name].matching is None else np.stack(matching, axis=1)
+        interfaces[name] = replace(bare[name], law=known.law, sides=tuple(sides), matching=pairs)
+    columns: dict[str, dict[str, dict[str, Array]]] = {}
+    for own in every:
+        for name, by_parameter in own.loads.items():
+            for parameter, by_part in by_parameter.items():
+                columns.setdefault(name, {}).setdefault(parameter, {}).update(by_part)
+    loads: Mapping[str, PartLoad] = {
+        name: replace(each, columns=columns.get(name, {})) for name, each in problem.loads.items()
+    }
+    return Problem(parts, interfaces, None, dict(loads))

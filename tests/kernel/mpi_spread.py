@@ -1,0 +1,148 @@
+"""Program of test_mpi.py: a part whose mesh is spread over the ranks, against the same on one.
+
+``mpirun -n N python mpi_spread.py``
+"""
+
+from __future__ import annotations
+
+import faulthandler
+from typing import Any
+
+import dolfinx.mesh as dmesh
+import numpy as np
+from blocks import RANK, WORLD
+from mpi4py import MPI
+
+import dolfinx_frontend as lf
+from dolfinx_frontend import Contact, Elastic, LinearElastic, LogNormal, Options, Resultant, Scene
+from dolfinx_frontend.geometry.parts import Part
+
+TESTED = 1e-10
+TIGHT = Options(rtol=1e-13, max_iterations=2000)
+FACES = {"z0": 0.0, "z1": 1.0}
+
+
+def block(comm: Any, cells: int, low: float, hexahedra: bool) -> Part:
+    """A unit cube with the faces z0 and z1, on a communicator."""
+    kind = dmesh.CellType.hexahedron if hexahedra else dmesh.CellType.tetrahedron
+    ends = [[0.0, 0.0, low], [1.0, 1.0, low + 1.0]]
+    mesh = dmesh.create_box(comm, ends, [cells] * 3, kind)
+    facets, tags = [], []
+    for tag, at in enumerate(FACES.values(), start=1):
+        found = dmesh.locate_entities_boundary(mesh, 2, lambda x, at=at: np.isclose(x[2], low + at))
+        facets.append(found)
+        tags.append(np.full(len(found), tag, dtype=np.int32))
+    order = np.argsort(np.concatenate(facets))
+    marked = np.concatenate(facets)[order], np.concatenate(tags)[order]
+    return Part(mesh, dmesh.meshtags(mesh, 2, *marked), {name: n for n, name in enumerate(FACES, start=1)})
+
+
+def scene(comm: Any, law: Any, degree: int, hexahedra: bool, other: int = 3) -> Scene:
+    """A cube on one rank, on a cube that may be spread; both heavy, pressed together."""
+    made = Scene()
+    steel = LinearElastic(E=200e3, nu=0.3)
+    large = block(comm, 3, 0.0, hexahedra)
+    made.substructure("lower", large, steel, degree=degree, body_force=(0, 0, -5.0))
+    made.substructure("upper", block(MPI.COMM_SELF, other, 1.0, hexahedra), steel, degree=degree)
+    made.interface("joint", "upper:z0", "lower:z1", law)
+    made.fix("lower:z0")
+    made.traction("upper:z1", (12.0, 3.0, -100.0), name="push")
+    return made
+
+
+def same(what: str, one: Any, other: Any) -> None:
+    """Refuse digits that differ."""
+    one, other = np.asarray(one), np.asarray(other)
+    assert one.shape == other.shape, what
+    off = np.abs(one - other).max() / np.abs(other).max()
+    assert off < TESTED, (what, off)
+
+
+def sorted_field(x: Any, u: Any) -> Any:
+    """Values at places in the order of these."""
+    order = np.lexsort(np.round(x, 9).T)
+    return u[order]
+
+
+def answers() -> None:
+    """One answer, with springs and with friction, on matching meshes and others; the field in the part."""
+    cases = [
+        (Elastic(normal=1e5, tangential=4e4), 1, True, 3),
+        (Contact(friction=0.2), 2, False, 3),
+        (Contact(friction=0.2, stiffness=1e5), 1, True, 4),
+    ]
+    for law, degree, hexahedra, other in cases:
+        spread = lf.assemble(scene(WORLD, law, degree, hexahedra, other), comm=WORLD)
+        whole = lf.assemble(scene(MPI.COMM_SELF, law, degree, hexahedra, other), comm=MPI.COMM_SELF)
+        found, exact = (lf.solve(p, active=["joint"], options=TIGHT) for p in (spread, whole))
+        assert found.status in ("converged", "inexact"), found.status
+        points = [p.interfaces["joint"].points for p in (spread, whole)]
+        fields = exact.force("joint"), exact.jump("joint")
+        for one, two in zip(found.gathered("joint"), fields, strict=True):
+            same(f"{law}", *map(sorted_field, points, (one, two)))
+        own = found.displacements.get("lower")
+        field = spread.spread["lower"].displacement(own)
+        V = field.function_space
+        count = V.dofmap.index_map.size_local
+        pieces = WORLD.allgather((V.tabulate_dof_coordinates()[:count], field.x.array[: 3 * count]))
+        x = np.concatenate([each[0] for each in pieces])
+        u = np.concatenate([each[1].reshape(-1, 3) for each in pieces])
+        alone = exact.displacements["lower"].reshape(-1, 3)
+        there = np.column_stack([whole.substructures["lower"].dof_coordinates])
+        same("field", sorted_field(x, u), sorted_field(there, alone))
+    print(f"same part on rank {RANK}", flush=True)
+
+
+def random() -> None:
+    """Chaos, samples, and a modulus that varies."""
+    law = Elastic(normal=LogNormal("k", 1e5, cov=0.2), tangential=4e4)
+    problems = [
+        lf.assemble(scene(comm, law, 1, True), comm=comm) for comm in (WORLD, MPI.COMM_SELF)
+    ]
+    chaos = [lf.solve(p, chaos=2, active=["joint"], options=TIGHT) for p in problems]
+    means = [each.gathered("joint")[0] for each in chaos]
+    same("chaos", *means)
+    settings: dict[str, Any] = {"active": ["joint"], "options": TIGHT, "progress": False}
+    samples = [lf.sample(p, [[0.3], [-1.0]], **settings) for p in problems]
+    same("samples", *(each.gathered("joint")[0] for each in samples))
+    sweeps = [lf.sweep(p, {"lower.E": [150e3, 250e3]}, **settings) for p in problems]
+    same("sweep", *(each.gathered("joint")[0] for each in sweeps))
+    same("reaction", *(each.mean_std(Resultant("joint")).mean for each in chaos))
+    print(f"same columns on rank {RANK}", flush=True)
+
+
+def refused() -> None:
+    """What such a part cannot have."""
+    law = Elastic(normal=1e5, tangential=4e4)
+    made = scene(WORLD, law, 1, True)
+    hot = scene(WORLD, law, 1, True)
+    hot.temperature("lower", 10.0, 1e-5)
+    for wrong, comm, text in (
+        (made, None, "assemble(scene, comm=...)"),
+        (hot, WORLD, "temperatures"),
+    ):
+        try:
+            lf.assemble(wrong, comm=comm)
+        except lf.SceneError as error:
+            assert text in str(error), error
+        else:
+            raise AssertionError(text)
+    result = lf.solve(lf.assemble(made, comm=WORLD), active=["joint"])
+    calls = [lambda: lf.discretisation_error(result)]
+    if "lower" in result.problem.substructures:
+        calls += [lambda: result.displacement("lower"), lambda: result.stress("lower")]
+    for call in calls:
+        try:
+            call()
+        except lf.SceneError as error:
+            assert "is spread over the" in str(error), error
+        else:
+            raise AssertionError("the field of a part that is not all there")
+    print(f"refused on rank {RANK}", flush=True)
+
+
+if __name__ == "__main__":
+    faulthandler.dump_traceback_later(100, exit=True)
+    answers()
+    random()
+    refused()
