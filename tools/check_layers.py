@@ -152,6 +152,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "stress",
         "probes",
         "writing",
+        "sampled_stress",
         "face",
         "value",
         "uncertain",
@@ -209,7 +210,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "solving": (),
     "io": ("facets", "paraview"),
-    "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "curves"),
+    "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "stresses", "curves", "joints"),
     "sheets": (
         "names",
         "clamping",

@@ -17,6 +17,7 @@ DEMOS = sorted(path.name for path in (ROOT / "demos").glob("*.py"))
 SHORT = {
     "bolted_vessel.py": ["--size", "coarse", "--quick", "--output", "{}"],
     "bolted_lap_joint.py": ["--quick", "--output", "{}"],
+    "first_bolt.py": ["--output", "{}"],
     "hertz.py": ["--quick", "--output", "{}"],
     "flange_from_step.py": ["--quick", "--output", "{}"],
     "make_flange_step.py": ["{}/flange.step"],
@@ -50,6 +51,7 @@ WRITTEN = {
         "slip_friction_preload.png",
         "slip_friction_stiffness.png",
     ],
+    "first_bolt.py": ["joint_diagram.png", "plates_mises.png", "plates_state.png"],
     "flange_from_step.py": [
         "flange.step",
         "flange.vtm",

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import dolfinx_frontend
+from tests.helpers import printed_as_shown
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -35,12 +36,15 @@ PAGES = [
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_examples(page: str) -> None:
+def test_examples(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """They run, and print what the block behind them shows."""
     names: dict[str, object] = {"__name__": "docs"}
-    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), flags=re.S)
+    blocks = re.findall(r"```python\n(.*?)```(?:\s*```\n(.*?)```)?", (DOCS / page).read_text(), flags=re.S)
     assert blocks
-    for block in blocks:
+    for block, shown in blocks:
+        capsys.readouterr()
         exec(compile(block, page, "exec"), names)
+        printed_as_shown(capsys.readouterr().out, shown)
 
 
 def test_kernel_page_shows_its_demo(capsys: pytest.CaptureFixture[str]) -> None:
