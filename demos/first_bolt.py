@@ -3,22 +3,23 @@
     ./run python demos/first_bolt.py
 
 Problem
-    Two steel plates of 30 x 30 x 20 mm lie on each other. A bolt, a beam between the face under its head and
-    the face under its nut, is tightened to 20 kN; then a force on the upper plate pulls them apart. While the
-    joint is closed the bolt takes only a small share of the load: its own stiffness over that of bolt and
-    plates together. Once it is open, the bolt takes all.
+    Two steel plates of 30 x 30 x 20 mm lie on each other. A bolt, a beam between the face under its head
+    and the face under its nut, is tightened to 20 kN; then a force on the upper plate pulls them apart.
+    While the joint is closed the bolt takes only a small share of the load: its own stiffness over that
+    of bolt and plates together. Once it is open, the bolt takes all.
 
 Choices
-    nu = 0 and a load spread over the face under the head: the plates are in uniaxial stress, and the diagram
-    of the joint is known in closed form, VDI 2230's with load introduction factor 1.
+    nu = 0 and a load spread over the face under the head: the plates are in uniaxial stress, and the
+    diagram of the joint is known in closed form, VDI 2230's with load introduction factor 1.
 
 Random variable
     The preload, normal, coefficient of variation 15 % (a torque wrench). The joint opens where the load is
     more than it can carry: P = Phi(((1 - phi) F - 20 kN) / 3 kN).
 
 Pulled from the side
-    The same joint with nu = 0.3, a finer mesh and the load on a side face: it opens at one edge first, and the
-    bolt takes more of the load than the diagram says. Pictures of the von Mises stress and of the state.
+    The same joint with nu = 0.3, a finer mesh and the load on a side face: it opens at one edge first,
+    and the bolt takes more of the load than the diagram says. Pictures of the von Mises stress and of
+    the state.
 
 Checks
     Bolt force against load, closed and open; the probability of an opening against its closed form.
@@ -68,6 +69,7 @@ def main() -> None:
     """Load, draw, sample, check."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--output", type=Path, default=OUTPUT)
+    parser.add_argument("--no-figures", action="store_true", help="no pictures of solids")
     given = parser.parse_args()
     plates = E * AREA / (2.0 * THICK)
     share = BOLT.axial / (BOLT.axial + plates)
@@ -97,9 +99,10 @@ def main() -> None:
 
     figures, out = lf.figures, given.output
     figures.joint_diagram(load, bolt, clamping, out / "joint_diagram.png", stiffness=BOLT.axial)
-    figures.stress_figure(from_side, out / "plates_mises.png", label="von Mises stress (MPa)")
-    figures.interface_figure(from_side, "joint", out / "plates_state.png", quantity="state", label="joint")
-    print(f"wrote joint_diagram.png, plates_mises.png, plates_state.png, in {out}")
+    if not given.no_figures:
+        figures.stress_figure(from_side, out / "plates_mises.png", label="von Mises stress (MPa)")
+        figures.interface_figure(from_side, "joint", out / "plates_state.png", quantity="state")
+    print(f"figures are in {out}")
     assert result.converged and answer.converged and from_side.converged
     assert np.allclose(bolt, exact, rtol=1e-6) and np.allclose(bolt - clamping, load, atol=1e-6 * PRELOAD)
     assert abs(chance.value - law) < 2.0 / 1024, "the points of Sobol in one dimension miss by 1 / N"

@@ -144,7 +144,7 @@ def interface_figure(
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
     if quantity == "state":
         bar.set_ticks([OPEN, CLOSED, SLIPS], labels=["open", "closed", "slips"])
-    return save(figure, path)
+    return save(figure, path, blended=quantity != "state")
 
 
 def _drawn_values(result: Answer, interface: str, quantity: str, step: int) -> tuple[Ints, Array]:

@@ -321,7 +321,7 @@ def write_interfaces(
     ``gap``                   of contacts: their distance, length
     ``state``                 of contacts: 0 open, 1 closed (stick, with friction), 2 slip; on facets
                               with several points the fractions of its area, ``open share``, ``slip share``
-    ``slip use``              of friction: |f_t| / (mu p + tau), 0 where it is open, 1 where it slips
+    ``slip use``              of friction: size of f_t over mu p + tau, 0 where it is open, 1 where it slips
     ``area``                  that a point or facet stands for
     ========================  ====================================================================
 

@@ -17,9 +17,11 @@ DEMOS = sorted(path.name for path in (ROOT / "demos").glob("*.py"))
 SHORT = {
     "bolted_vessel.py": ["--size", "coarse", "--quick", "--output", "{}"],
     "bolted_lap_joint.py": ["--quick", "--output", "{}"],
-    "first_bolt.py": ["--output", "{}"],
+    "bracket_from_step.py": ["--quick", "--no-figures", "--output", "{}"],
+    "first_bolt.py": ["--no-figures", "--output", "{}"],
     "hertz.py": ["--quick", "--output", "{}"],
     "flange_from_step.py": ["--quick", "--output", "{}"],
+    "make_bracket_step.py": ["{}/bracket.step"],
     "make_flange_step.py": ["{}/flange.step"],
     "loads_and_scatter.py": ["--output", "{}"],
     "tradeoff.py": ["--scenes", "vessel", "--output", "{}"],
@@ -51,7 +53,8 @@ WRITTEN = {
         "slip_friction_preload.png",
         "slip_friction_stiffness.png",
     ],
-    "first_bolt.py": ["joint_diagram.png", "plates_mises.png", "plates_state.png"],
+    "bracket_from_step.py": ["bracket.step", "parts.pvd", "interfaces.pvd", "bracket.html", "bracket.csv"],
+    "first_bolt.py": ["joint_diagram.png"],
     "flange_from_step.py": [
         "flange.step",
         "flange.vtm",
@@ -67,6 +70,7 @@ WRITTEN = {
         "random_field_rod.png",
         "sphere.png",
     ],
+    "make_bracket_step.py": ["bracket.step"],
     "make_flange_step.py": ["flange.step"],
     "tradeoff.py": ["tradeoff.png"],
     "hertz.py": [

@@ -152,7 +152,8 @@ def test_pictures(samples: Any, tmp_path: Path) -> None:
     with pytest.raises(lf.SceneError, match="of = 'mises'"):
         lf.figures.stress_figure(samples, tmp_path / "c.png", of="mises")
     load = np.linspace(0.0, 3.0, 4)
-    path = lf.figures.joint_diagram(load, 2.0 + 0.1 * load, 2.0 - 0.9 * load, tmp_path / "d.png", stiffness=1.0)
+    bolt, clamped = 2.0 + 0.1 * load, 2.0 - 0.9 * load
+    path = lf.figures.joint_diagram(load, bolt, clamped, tmp_path / "d.png", stiffness=1.0)
     assert path.stat().st_size > 2000
     with pytest.raises(lf.SceneError, match=r"bolt \(3,\)"):
         lf.figures.joint_diagram(load, load[:3], load, tmp_path / "d.png", stiffness=1.0)
