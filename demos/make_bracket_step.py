@@ -3,7 +3,8 @@
     ./run python demos/make_bracket_step.py bracket.step
 
 Four solids, in mm: the base, its top at z = 0; the bracket, a foot of 12 mm and a wall of 10 mm with a
-fillet of 6 mm between them; two M8 bolts through clearance holes of 9 mm into the base."""
+fillet of 6 mm between them; two M8 bolts through clearance holes of 9 mm into the base.
+"""
 
 from __future__ import annotations
 
