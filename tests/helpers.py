@@ -181,3 +181,18 @@ def printed_as_shown(printed: str, shown: str, rtol: float = 2e-3) -> None:
     for line in shown.splitlines():
         if line.strip() and line.strip() != "...":
             assert any(_alike(each, line, rtol) for each in lines), f"not printed: {line!r} in\n{printed}"
+
+
+def shown_blocks(page: str) -> list[str]:
+    """The blocks of a page that show output: fences without a language that hold no command."""
+    blocks, language, lines = [], None, list[str]()
+    for line in page.splitlines():
+        if not line.startswith("```"):
+            lines.append(line)
+        elif language is None:
+            language, lines = line[3:], []
+        else:
+            if language == "" and not any(each.startswith("./run") for each in lines):
+                blocks.append("\n".join(lines))
+            language = None
+    return blocks

@@ -118,8 +118,12 @@ def _facing(lower: list[Solid], upper: list[Solid], distance: float) -> dict[fro
         for above in upper:
             if above.low - below.high > distance + 1e-9:
                 continue  # a pin that is shorter than its ring
-            common = int(np.count_nonzero(below.inside(px, py) & above.inside(px, py)))
-            if 0 < common < SMALL:
+            under = below.inside(px, py)
+            common = int(np.count_nonzero(under & above.inside(px, py)))
+            # nothing in common, but less than a step of the raster away: who could say
+            steps = [(dx, dy) for dx in (-2 * RASTER, 0.0, 2 * RASTER) for dy in (-2 * RASTER, 0.0, 2 * RASTER)]
+            close = not common and any(np.any(under & above.inside(px + dx, py + dy)) for dx, dy in steps)
+            if 0 < common < SMALL or close:
                 return None
             if common:
                 found[frozenset((below.name, above.name))] = "near" if distance > 0 else "touching"

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers import printed_as_shown, shown_blocks
+
 ROOT = Path(__file__).resolve().parents[2]
 DEMOS = sorted(path.name for path in (ROOT / "demos").glob("*.py"))
 
@@ -18,6 +20,8 @@ SHORT = {
     "bolted_vessel.py": ["--size", "coarse", "--quick", "--output", "{}"],
     "bolted_lap_joint.py": ["--quick", "--output", "{}"],
     "bracket_from_step.py": ["--quick", "--no-figures", "--output", "{}"],
+    "bonded_lap_joint.py": ["--output", "{}"],
+    "own_law.py": ["--output", "{}"],
     "first_bolt.py": ["--no-figures", "--output", "{}"],
     "hertz.py": ["--quick", "--output", "{}"],
     "flange_from_step.py": ["--quick", "--output", "{}"],
@@ -54,6 +58,8 @@ WRITTEN = {
         "slip_friction_stiffness.png",
     ],
     "bracket_from_step.py": ["bracket.step", "parts.pvd", "interfaces.pvd", "bracket.html", "bracket.csv"],
+    "bonded_lap_joint.py": ["bonded.png"],
+    "own_law.py": ["own_law.png"],
     "first_bolt.py": ["joint_diagram.png"],
     "flange_from_step.py": [
         "flange.step",
@@ -82,6 +88,7 @@ WRITTEN = {
         "cattaneo_mindlin.png",
     ],
 }
+SHOWN = {"bonded_lap_joint.py": "bonded_lap_joint.md", "own_law.py": "own_law.md"}
 VESSEL_PARTS = ("cylinder", "flange", "ring", "cover", "shank", "head")
 
 
@@ -106,6 +113,10 @@ def test_demo(name: str, tmp_path: Path) -> None:
     printed = run(f"demos/{name}", *(a.format(tmp_path) for a in SHORT.get(name, [])))
     for file in WRITTEN.get(name, []):
         assert (tmp_path / file).stat().st_size > 200, file
+    if name in SHOWN:  # the tutorial shows what was printed
+        page = (ROOT / "docs" / "tutorials" / SHOWN[name]).read_text()
+        for shown in shown_blocks(page):
+            printed_as_shown(printed, shown)
     if name == "bolted_lap_joint.py":
         assert printed.rstrip().endswith("all checks passed")
         assert max(len(line) for line in printed.splitlines()) <= 100
