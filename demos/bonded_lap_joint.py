@@ -1,4 +1,4 @@
-"""A bonded lap joint and measured data: which adhesive do the measurements show, and how sure is its strength?
+"""A bonded lap joint and measured data: what do the data say, and does the joint hold?
 
     ./run python demos/bonded_lap_joint.py
 
@@ -114,7 +114,8 @@ def main() -> None:
     closed = volkersen(x, TRUE, FORCE)
     figure = sheet(9.6, 4.0)
     left, right = figure.subplots(1, 2)
-    for values, name, colour in ((unmeasured, "before the measurements", "#d55e00"), (peak, "after", "#0072b2")):
+    drawn = ((unmeasured, "before the measurements", "#d55e00"), (peak, "after", "#0072b2"))
+    for values, name, colour in drawn:
         abscissae, density = values.density()
         left.plot(abscissae, density, color=colour, lw=2.0, label=name)
     left.axvline(STRENGTH, color="black", ls="--", lw=1.0, label="strength")

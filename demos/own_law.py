@@ -4,7 +4,8 @@
 
 Problem
     The plates and the bolt of ``first_bolt.py`` with a soft gasket between them: its pressure grows
-    exponentially with how far it is closed, and it does not hold when it is pulled. No built-in law does that.
+    exponentially with how far it is closed, and it does not hold when it is pulled. No built-in law does
+    that.
 
 Laws (N, mm, MPa)
     gasket   p = p0 (exp(c / h) - 1) for a closing c > 0, else 0; p0 = 4 MPa, h = 0.02 mm

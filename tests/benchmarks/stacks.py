@@ -41,8 +41,8 @@ def main() -> None:
         words[verdict.word] += 1
         pairs += len(stack.pairs)
         wrong += len(verdict.missed) + len(verdict.false)
-        line = f"{number:4}  {len(stack.solids):3} parts  {len(stack.pairs):3} pairs  {verdict.seconds:6.1f} s  "
-        print(line + verdict.word, flush=True)
+        line = f"{number:4}  {len(stack.solids):3} parts  {len(stack.pairs):3} pairs"
+        print(f"{line}  {verdict.seconds:6.1f} s  {verdict.word}", flush=True)
         if verdict.missed or verdict.false:
             print(f"      missed {verdict.missed}, false {verdict.false}", flush=True)
         if verdict.word not in ("converged", "read"):

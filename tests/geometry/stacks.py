@@ -1,7 +1,7 @@
 """Stacks of parts as a STEP file would have them, with the pairs that touch known from how they were made.
 
-Plates, halves side by side, blocks that share only an edge, rings with a pin in a clearance hole, rollers; they
-touch, are 0.1 mm apart, overlap by 0.1 mm, or float. ``made(seed, parts)`` makes one, ``judged(stack, folder)``
+Plates, halves side by side, blocks that share only an edge, rings with a pin in a clearance hole; they touch,
+are 0.1 mm apart, overlap by 0.1 mm, or float. ``made(seed, parts)`` makes one, ``judged(stack, folder)``
 reads and solves it. ``./run bench stacks`` does so a hundred times.
 """
 
@@ -121,7 +121,8 @@ def _facing(lower: list[Solid], upper: list[Solid], distance: float) -> dict[fro
             under = below.inside(px, py)
             common = int(np.count_nonzero(under & above.inside(px, py)))
             # nothing in common, but less than a step of the raster away: who could say
-            steps = [(dx, dy) for dx in (-2 * RASTER, 0.0, 2 * RASTER) for dy in (-2 * RASTER, 0.0, 2 * RASTER)]
+            away = (-2 * RASTER, 0.0, 2 * RASTER)
+            steps = [(dx, dy) for dx in away for dy in away]
             close = not common and any(np.any(under & above.inside(px + dx, py + dy)) for dx, dy in steps)
             if 0 < common < SMALL or close:
                 return None
