@@ -503,10 +503,10 @@ class Face(ABC):
             Of a load history, for a number of the tables.
         """
         wanted = "give a function of the fields of n samples that returns (n,) values, or 'interface.column'"
-        if isinstance(function, str):
+        if isinstance(function, str) and "." in function:
             name = function if name == "quantity" else name
             function = column_of(self, function, check_step(self.times, step, "quantity"))
-        checked_callable("quantity", "function", function, wanted)
+        function = checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
         where = f"quantity {name!r}"
         if isinstance(function, AtPoint):

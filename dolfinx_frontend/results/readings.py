@@ -272,7 +272,7 @@ def column_of(answer: Answer, text: str, step: int = -1) -> Callable[[Block], Ar
     """
     name, _, column = text.rpartition(".")
     where = f"quantity {text!r}"
-    check_known("interface", name, answer.problem.interfaces, f'{where}: give "interface.column";')
+    check_known("interface", name, answer.problem.interfaces, where)
     surface = answer.surface(name)
     why = None if name in answer.known else answer.why_unknown(name)
     held = reaction(answer, name) if name not in answer.known and why is None else None

@@ -247,12 +247,14 @@ def judged(stack: Stack, folder: Path, seed: int = 0, solve: bool = True) -> Ver
             _laws(step, stack, np.random.default_rng(seed))
             step.face(f"{stack.solids[0].name}:below", normal=(0, 0, -1), at=(None, None, 0.0))
             step.face(f"{top.name}:above", normal=(0, 0, 1), at=(None, None, top.high))
-            scene = step.scene(order=1)
+            scene = step.scene()
             scene.fix(f"{stack.solids[0].name}:below")
             scene.traction(f"{top.name}:above", (0.02, 0.0, -1.0))
             result = lf.solve(lf.assemble(scene))
     except lf.SceneError as error:
         said.append(str(error))
+        if "unattached" not in str(error):
+            return verdict("failed")
         return verdict("named" if names_a_part() else "failed without a name")
     if result.converged:
         return verdict("converged")
