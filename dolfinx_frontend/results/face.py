@@ -506,14 +506,14 @@ class Face(ABC):
         if isinstance(function, str) and "." in function:
             name = function if name == "quantity" else name
             function = column_of(self, function, check_step(self.times, step, "quantity"))
-        function = checked_callable("quantity", "function", function, wanted)
+        number: Callable[..., Any] = checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
         where = f"quantity {name!r}"
-        if isinstance(function, AtPoint):
-            function = function.on(self.problem)
+        if isinstance(number, AtPoint):
+            number = number.on(self.problem)
         blocks = self.many(self.draws if samples is None else samples, seed)
         found = [
-            (one_number_a_sample(told_call(where, function, b), len(b), name), b.weights) for b in blocks
+            (one_number_a_sample(told_call(where, number, b), len(b), name), b.weights) for b in blocks
         ]
         weights = [w for _, w in found if w is not None]
         return Quantity(
