@@ -278,7 +278,7 @@ def exploded(assembly: Assembly, path: Path) -> Path:
 
 
 def leak_figure(least: Any, forces: Array, path: Path) -> Path:
-    """Distribution of the least gasket pressure, and which variables it depends on."""
+    """Distribution of the least gasket pressure with the probability of a leak, and what it depends on."""
     figure = Figure(figsize=(10.0, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2)
     values = np.asarray(least.values)
@@ -290,6 +290,8 @@ def leak_figure(least: Any, forces: Array, path: Path) -> Path:
     left.fill_between(x, y, where=(x < limit).tolist(), color="#d55e00", alpha=0.45, lw=0)
     left.axvline(limit, color="#d55e00", lw=1.2, ls="--", label=f"leak below {limit:g} MPa")
     left.set_xlabel("least pressure on the gasket (MPa)")
+    leak = least.probability(below=limit)
+    left.set_title(f"P(leak) = {leak.value:.1%} ({leak.low:.1%} to {leak.high:.1%})", fontsize=10)
     left.set_ylabel("density (1/MPa)")
     left.set_ylim(bottom=0.0)
     left.legend(fontsize=8)

@@ -711,8 +711,8 @@ def draw_shear(run: Rubbing, path: Path) -> Path:
         exact = values(shear_form(hertz, step), x * hertz.a) / scale
         axis.plot(x, np.sqrt(1.0 - x**2), "--", color="#999999", lw=0.9, label="$\\pm\\mu p$")
         axis.plot(x, -np.sqrt(1.0 - x**2), "--", color="#999999", lw=0.9)
-        axis.plot(x, exact, color=GREY, lw=2.5, alpha=0.5, label="closed form")
         _steps(axis, run.strip, run.shear[step] / scale, hertz.a, "computed", BLUE)
+        axis.plot(x, exact, color="black", ls=(0, (4, 3)), lw=1.2, zorder=10, label="closed form")
         axis.set(xlabel="x / a", ylabel="q / ($\\mu p_0$)", xlim=(-1.2, 1.2), ylim=(-1.1, 1.1))
         axis.set_title(f"{NAMES[step]}: Q = {CYCLE[step]:g} $\\mu$P", fontsize=10)
         axis.grid(color="#dddddd", lw=0.6)

@@ -11,16 +11,11 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
-import re
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dolfinx_frontend.geometry.session import gmsh_session
+from parts.step_file import write_step
 
 
 @dataclass(frozen=True)
@@ -78,10 +73,8 @@ def make_flange(path: str | Path, shape: FlangeShape | None = None) -> Path:
         Dimensions; the default ones if not given.
     """
     shape = shape or FlangeShape()
-    target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with gmsh_session("flange") as gmsh, _silent():
-        occ = gmsh.model.occ
+
+    def build(occ: Any) -> dict[str, int]:
         solids = {
             "lower flange": _flange(occ, shape, -1.0),
             "upper flange": _flange(occ, shape, 1.0),
@@ -95,12 +88,9 @@ def make_flange(path: str | Path, shape: FlangeShape | None = None) -> Path:
             solids[f"stud {k + 1}"] = occ.addCylinder(x, y, -end, 0, 0, 2 * end, shape.bolt)
             for side, low in (("lower", -end), ("upper", back)):
                 solids[f"{side} nut {k + 1}"] = _nut(occ, shape, x, y, low, angle)
-        # the order of the solids in the file is that of the model
-        tags = [tag for _, tag in occ.getEntities(3)]
-        occ.synchronize()
-        gmsh.write(str(target))
-    _name(target, [next(n for n, t in solids.items() if t == tag) for tag in tags])
-    return target
+        return solids
+
+    return write_step(path, build)
 
 
 def _ring(occ: Any, inner: float, outer: float, low: float, high: float) -> int:
@@ -142,31 +132,6 @@ def _nut(occ: Any, shape: FlangeShape, x: float, y: float, low: float, angle: fl
     body = [each for each in occ.extrude([(2, base)], 0, 0, shape.nut_height) if each[0] == 3]
     hole = (3, occ.addCylinder(x, y, low, 0, 0, shape.nut_height, shape.bolt))
     return int(occ.cut(body, [hole])[0][0][1])
-
-
-def _name(path: Path, names: list[str]) -> None:
-    """Give the products their names: gmsh numbers them in the order of the solids."""
-    text = path.read_text(encoding="latin-1")
-    pattern = re.compile(r"PRODUCT\('Open CASCADE STEP translator [\d.]+ \d+\.(\d+)',\s*'[^']*'")
-    named = pattern.sub(lambda m: "PRODUCT('{0}','{0}'".format(names[int(m[1]) - 1]), text)
-    # the same file every time
-    named = re.sub(r"(FILE_NAME\('[^']*',)'[^']*'", r"\1'2004-07-24T00:00:00'", named)
-    named = re.sub(r"(FILE_NAME\()'[^']*'", rf"\1'{path.name}'", named)
-    path.write_text(named, encoding="latin-1")
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """OpenCASCADE's writer prints statistics directly, not through Python."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    try:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
 
 
 if __name__ == "__main__":

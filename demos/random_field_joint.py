@@ -106,6 +106,7 @@ if not given.no_figures:
         given.output / "density.png",
         "largest normal stress on the joint (MPa)",
         threshold=0.0,
+        title=f"P(traction somewhere) = {largest.probability(above=0.0)}",
     )
     print(f"wrote {path.name}; figures are in {given.output}")
 

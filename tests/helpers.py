@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -156,3 +157,42 @@ def small_assembly(**laws):
     scene.interface("end", "b:y1", Displacement(lambda x: 0.1 + 0.2 * x))
     scene.interface("spring", "a:y0", Elastic(normal=2.0, tangential=1.0, jump=(0.1, 0.0)))
     return assemble(scene)
+
+
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def _alike(printed: str, shown: str, rtol: float) -> bool:
+    """Whether two lines have the same words, and numbers within a tolerance or two of their last digits."""
+    if _NUMBER.sub("#", printed).split() != _NUMBER.sub("#", shown).split():
+        return False
+    for one, other in zip(_NUMBER.findall(printed), _NUMBER.findall(shown), strict=True):
+        mantissa, _, power = other.partition("e")
+        last = 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
+        if abs(float(one) - float(other)) > max(2.0 * last, rtol * abs(float(other))):
+            return False
+    return True
+
+
+def printed_as_shown(printed: str, shown: str, rtol: float = 2e-3) -> None:
+    """Every line that a page shows was printed, in this order; numbers within `rtol`, "..." stands for lines
+    that are left out."""
+    lines = iter([line.rstrip() for line in printed.splitlines()])
+    for line in shown.splitlines():
+        if line.strip() and line.strip() != "...":
+            assert any(_alike(each, line, rtol) for each in lines), f"not printed: {line!r} in\n{printed}"
+
+
+def shown_blocks(page: str) -> list[str]:
+    """The blocks of a page that show output: fences without a language that hold no command."""
+    blocks, language, lines = [], None, list[str]()
+    for line in page.splitlines():
+        if not line.startswith("```"):
+            lines.append(line)
+        elif language is None:
+            language, lines = line[3:], []
+        else:
+            if language == "" and not any(each.startswith("./run") for each in lines):
+                blocks.append("\n".join(lines))
+            language = None
+    return blocks

@@ -154,6 +154,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "stress",
         "probes",
         "writing",
+        "sampled_stress",
         "face",
         "value",
         "uncertain",
@@ -217,7 +218,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "solving": (),
     "io": ("facets", "paraview"),
-    "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "curves"),
+    "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "stresses", "curves", "joints"),
     "sheets": (
         "names",
         "clamping",

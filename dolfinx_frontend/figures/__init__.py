@@ -10,7 +10,9 @@ where VTK cannot, more coarsely.
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS, assembly_figure, deformed_figure
 from dolfinx_frontend.figures.curves import convergence_figure, density_figure, response_surface
 from dolfinx_frontend.figures.interfaces import interface_figure, interface_map
+from dolfinx_frontend.figures.joints import joint_diagram
 from dolfinx_frontend.figures.solids import RenderError
+from dolfinx_frontend.figures.stresses import stress_figure
 
 __all__ = [
     "KIND_COLOURS",
@@ -21,5 +23,7 @@ __all__ = [
     "density_figure",
     "interface_figure",
     "interface_map",
+    "joint_diagram",
     "response_surface",
+    "stress_figure",
 ]

@@ -16,7 +16,7 @@ from dolfinx_frontend.results.answer import Answer, check_answer
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import vertex_nodes
 from dolfinx_frontend.figures.canvas import plane_axes, rgb, round_down, save, sheet
-from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
+from dolfinx_frontend.figures.solids import Skin, draw_solid, joined, outline, skin_of
 from dolfinx_frontend.geometry.parts import Assembly
 
 __all__ = ["KIND_COLOURS", "assembly_figure", "deformed_figure"]
@@ -194,45 +194,67 @@ def deformed_figure(
     title, renderer
         As in :func:`assembly_figure`.
     """
+    names, functions = _named_functions(displacements, step)
+    shown = quantity or (lambda v: np.asarray(np.linalg.norm(v, axis=1)))
+    skins = [skin_of(u.function_space.mesh, None, u)[0] for u in functions]
+    colours = [np.asarray(shown(s.values), dtype=float) for s in skins if s.values is not None]
+    return draw_coloured(
+        names, skins, colours, path, scale=scale, label=label, view=view, lift=lift, title=title,
+        renderer=renderer,
+    )  # fmt: skip
+
+
+def draw_coloured(
+    names: Sequence[str],
+    skins: Sequence[Skin],
+    colours: Sequence[Array],
+    path: str | Path,
+    *,
+    scale: float | None,
+    label: str,
+    view: Sequence[float],
+    lift: Mapping[str, float] | None,
+    title: str | None,
+    renderer: str,
+    limits: tuple[float, float] | None = None,
+) -> Path:
+    """Skins whose values are displacements, moved by them, in colours of numbers at their points."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    names, functions = _named_functions(displacements, step)
     if lift is not None and not set(lift) <= set(names):
         raise ValueError(f"lift names parts that are not drawn: {sorted(set(lift) - set(names))}")
-    skins = [skin_of(u.function_space.mesh, None, u)[0] for u in functions]
     values = [s.values for s in skins if s.values is not None]
     moved = np.concatenate([np.linalg.norm(v, axis=1) for v in values])
     everything = np.concatenate([s.points for s in skins])
     size = float(np.ptp(everything, axis=0).max())
     if scale is None:
         scale = round_down(0.06 * size / float(moved.max())) if moved.max() > 0 else 1.0
-    checked_number("deformed_figure", "scale", scale)
-    shown = quantity or (lambda v: np.asarray(np.linalg.norm(v, axis=1)))
-    colour_of = [np.asarray(shown(v), dtype=float) for v in values]
-    norm = Normalize(min(c.min() for c in colour_of), max(c.max() for c in colour_of))
-    colours = colormaps["viridis"]
-    heading = f"{title + ', ' if title else ''}displacements × {scale:g}"
+    checked_number("figure", "scale", scale)
+    low, high = limits or (min(c.min() for c in colours), max(c.max() for c in colours))
+    norm, map_ = Normalize(low, high), colormaps["viridis"]
     figure = sheet(6.5, 5.0)
     axis = figure.add_subplot()
-    axis.set_title(heading, fontsize=11)
+    axis.set_title(f"{title + ', ' if title else ''}displacements × {scale:g}", fontsize=11)
     solids = []
-    for name, skin, u, field in zip(names, skins, values, colour_of):
+    for name, skin, u, field in zip(names, skins, values, colours, strict=True):
         points = skin.points.copy()
         points[:, : u.shape[1]] += scale * u
         points[:, u.shape[1] - 1] += (lift or {}).get(name, 0.0)
-        if functions[0].function_space.mesh.geometry.dim == 2:
+        if u.shape[1] == 2:
             axis.tripcolor(
                 points[:, 0], points[:, 1], skin.triangles, field, norm=norm, shading="gouraud"
             )
             outline(axis, skin, points)
         else:
-            solids.append(skin.solid(points, colours(norm(field))[:, :3]))
+            solids.append(skin.solid(points, map_(norm(field))[:, :3]))
     if solids:
         draw_solid(figure, [axis], joined(solids), [view], renderer)
-    figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label, shrink=0.85)
-    return save(figure, path)
+    below, above = min(c.min() for c in colours) < low, max(c.max() for c in colours) > high
+    extend = "both" if below and above else "min" if below else "max" if above else "neither"
+    figure.colorbar(ScalarMappable(norm, map_), ax=axis, label=label, shrink=0.85, extend=extend)
+    return save(figure, path, blended=True)
 
 
 def _named_functions(

@@ -30,15 +30,19 @@ def sheet(width: float, height: float) -> Any:
     return figure
 
 
-def save(figure: Any, path: str | Path) -> Path:
+def save(figure: Any, path: str | Path, blended: bool = False) -> Path:
     from PIL import Image
 
     target = checked_path("figure", path)
     made_folder(target.parent)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
-    # a palette makes the file three times smaller
-    picture = Image.open(buffer).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    # a palette makes the file three times smaller; where colours run into each other it needs dither
+    full = Image.open(buffer).convert("RGB")
+    picture = full.quantize(256, dither=Image.Dither.NONE)
+    if blended:
+        covering = full.quantize(256, method=Image.Quantize.MAXCOVERAGE)
+        picture = full.quantize(palette=covering, dither=Image.Dither.FLOYDSTEINBERG)
     with replaced(target) as temporary:
         picture.save(temporary, format="png", optimize=True, dpi=(_DPI, _DPI))
     return target

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -207,7 +208,8 @@ def density_figure(
         axis.axvline(threshold, color="black", ls="--", lw=1.0)
     axis.set_ylim(bottom=0)
     axis.set_xlabel(label)
-    axis.set_ylabel("probability density")
+    unit = re.search(r"\(([^()]+)\)$", label)
+    axis.set_ylabel(f"probability density (1/{unit[1]})" if unit else "probability density")
     axis.legend(framealpha=0.9)
     if title:
         axis.set_title(title)

@@ -119,6 +119,18 @@ def interface_figure(
                 tint[mine] = colours(norm(values[at]))[:, :3]
             solids.append(skin.solid(points, tint[skin.patch]))
             continue
+        if quantity == "state":  # one colour a triangle: states do not run into each other
+            by_triangle = tint[skin.patch]
+            if name == own.name:
+                corners = corner_weights(values.shape[1])[skin.triangles % (len(points) // len(facets))]
+                nearest = corners.sum(axis=1).argmax(axis=1)
+                row = np.full(len(facets), -1)
+                row[mine] = at
+                drawn = np.flatnonzero(row[skin.patch] >= 0)
+                states = values[row[skin.patch[drawn]], nearest[drawn]]
+                by_triangle[drawn] = colours(norm(states))[:, :3]
+            solids.append(skin.solid(points, by_triangle))
+            continue
         tint = np.repeat(tint[:, None], len(points) // len(facets), axis=1)
         if name == own.name:
             inside = _between(corner_weights(values.shape[1]), values[at], quantity)
@@ -132,7 +144,7 @@ def interface_figure(
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
     if quantity == "state":
         bar.set_ticks([OPEN, CLOSED, SLIPS], labels=["open", "closed", "slips"])
-    return save(figure, path)
+    return save(figure, path, blended=quantity != "state")
 
 
 def _drawn_values(result: Answer, interface: str, quantity: str, step: int) -> tuple[Ints, Array]:

@@ -58,6 +58,11 @@ __all__ = ["StepAssembly", "read_step"]
 _ANGLE = math.cos(math.radians(1.0))
 
 
+_CROSSING = "PLC Error"
+"""What gmsh says of edges and faces that cross each other."""
+_FINER_TURNS = 8
+
+
 @dataclass(frozen=True)
 class _Join:
     """What an interface of the scene is made of."""
@@ -287,7 +292,8 @@ class StepAssembly:
         Parameters
         ----------
         per_turn
-            Least number of cells around a full circle.
+            Least number of cells around a full circle. Where chords of circles that are close to each other
+            (a pin in a narrow clearance) cross, up to eight times as many are taken.
         order
             2: cells follow round faces; 1: straight cells.
         progress
@@ -311,23 +317,32 @@ class StepAssembly:
             for n, size in self._local.items()
         ]
         sizes = {name: self._size(name) for name in self.solids}
-        recipe = Recipe(self.solids, faces, sizes, local, per_turn, order)
         with Bar(3 + (order == 2), "mesh", "stage", progress) as bar:
 
             def each(stage: str) -> None:
                 if stage.startswith(("meshing", "curving")):
                     bar.step()
 
-            model = away(
-                "mesh",
-                self.path,
-                "cannot be meshed",
-                "give smaller sizes, or fix the geometry",
-                timeout,
-                each,
-                source=self._source,
-                recipe=recipe,
-            )
+            finest = _FINER_TURNS * per_turn
+            while True:
+                recipe = Recipe(self.solids, faces, sizes, local, per_turn, order)
+                try:
+                    model = away(
+                        "mesh",
+                        self.path,
+                        "cannot be meshed",
+                        "give smaller sizes, or fix the geometry",
+                        timeout,
+                        each,
+                        source=self._source,
+                        recipe=recipe,
+                    )
+                    break
+                except SceneError as error:
+                    # chords of two circles that are close to each other cross: more of them do not
+                    if _CROSSING not in str(error) or per_turn >= finest:
+                        raise
+                    per_turn *= 2
         parts = {
             name: replace(part, again=_MeshedAgain(self.path, self._source, recipe, name, timeout))
             for name, part in assembled(model).parts.items()

@@ -1,10 +1,12 @@
 """Displacements, stresses and what acts on the interfaces, as files that ParaView, VisIt and pyvista read.
 
 The format is VTK's XML: a multi-block index (``.vtm``) of unstructured grids (``.vtu``, which meshio reads
-as well), and for all times of a load history a collection (``.pvd``) of such. Nothing is projected: the
-cells of a part are Lagrange cells of the displacement's degree, so curved parts and quadratic fields are
-kept as they are, and every cell has nodes of its own, so stresses may jump between cells, as they do;
-values of interfaces are at the points where they are computed, beside their means over the facets.
+as well), and for all times of a load history a collection (``.pvd``) of such. The cells of a part are
+Lagrange cells of the displacement's degree, so curved parts and quadratic fields are kept as they are. Cells
+share their nodes, so that filters find the surface of the part; a stress at a node is the mean of the cells
+around it, by volume. With ``shared=False`` every cell has nodes of its own, and stresses jump between cells
+as computed. Values of interfaces are at the points where they are computed, beside their means over the
+facets.
 
 >>> io.write(result, "out")                      # out/parts.vtm, out/interfaces.vtm; .pvd of a history
 >>> io.write_fields(result, "out/parts.pvd")     # or one of the two, by name
@@ -26,6 +28,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
     check_optional_kind,
+    checked_flag,
     checked_path,
     checked_whole,
 )
@@ -34,7 +37,7 @@ from dolfinx_frontend.formats.vtk import Blocks, Grid, Values, check_target, wri
 from dolfinx_frontend.io.facets import InterfaceWriter, vector_values
 from dolfinx_frontend.results.answer import Answer, check_answer, stepped
 from dolfinx_frontend.results.readings import known_interfaces
-from dolfinx_frontend.results.stress import broken_space, stress_of, von_mises
+from dolfinx_frontend.results.stress import Shared, broken_space, principal, stress_of, von_mises
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
@@ -48,7 +51,9 @@ _SYMMETRIC = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (
 
 
 @together("write")
-def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
+def write(
+    result: Answer, folder: str | Path, modes: Sequence[int] = (), shared: bool = True
+) -> tuple[Path, Path]:
     """Write parts and interfaces of a result into a folder, of a load history at all times.
 
     Parameters
@@ -57,6 +62,8 @@ def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tupl
         Made if it is not there.
     modes
         Chaos modes of the displacement that are written as well.
+    shared
+        Whether cells share nodes, see :func:`write_fields`.
 
     Returns
     -------
@@ -65,9 +72,9 @@ def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tupl
     """
     check_answer("write", "result", result)
     where = checked_path("write", folder, "folder", new=True)
-    result.problem.check_alike("write", folder=str(where), modes=modes)
+    result.problem.check_alike("write", folder=str(where), modes=modes, shared=shared)
     ending = "vtm" if result.times is None else "pvd"
-    parts = write_fields(result, where / f"parts.{ending}", modes=modes)
+    parts = write_fields(result, where / f"parts.{ending}", modes=modes, shared=shared)
     return parts, write_interfaces(result, where / f"interfaces.{ending}")
 
 
@@ -80,15 +87,17 @@ def write_fields(
     *,
     step: int = -1,
     modes: Sequence[int] = (),
+    shared: bool = True,
 ) -> Path:
     """Write displacements, and stresses where the materials are known.
 
     The grid of each part has the point data ``displacement`` (length; 3 components), and, with a material
     that has a method ``stress``, ``stress`` (force / area; XX, YY, ZZ, XY, YZ, XZ, in 2D XX, YY, XY) and in
-    3D ``von Mises``. Their units are those of the scene. Of a random answer ``displacement`` and ``stress``
-    are means, ``displacement std`` and ``stress std`` the standard deviations of every component (of
-    samples that of the displacement), ``von Mises`` is that of the mean stress, and ``displacement u3`` is
-    the chaos coefficient of mode 3.
+    3D ``von Mises`` and ``principal stress`` (the largest first). Their units are those of the scene. Of a
+    random answer ``displacement`` and ``stress`` are means, ``displacement std`` and ``stress std`` the
+    standard deviations of every component (of samples that of the displacement), ``von Mises`` and
+    ``principal stress`` are those of the mean stress (``result.stress(part, of="von Mises")`` has its mean),
+    and ``displacement u3`` is the chaos coefficient of mode 3.
 
     Parameters
     ----------
@@ -105,6 +114,9 @@ def write_fields(
         Of a load history in a ``.vtm`` file; the last by default.
     modes
         Chaos modes of the displacement that are written as well.
+    shared
+        Cells share nodes, where a stress is the mean of the cells around, by volume. False: every cell has
+        its own nodes and its own stress.
 
     Returns
     -------
@@ -127,18 +139,20 @@ def write_fields(
     check_optional_kind("write_fields", "materials", materials, (Scene, Mapping), wanted)
     wanted = "give the numbers of chaos modes"
     check_kind("write_fields", "modes", modes, (list, tuple, range), wanted)
+    checked_flag("write_fields", "shared", shared)
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
     if isinstance(fields, Mapping):
         names, rank, comm = list(fields), 0, None
-        made = dict(_function_grids(fields, materials or {}))
+        made = dict(_function_grids(fields, materials or {}, shared))
     else:
         given = {"path": str(target), "step": step, "modes": modes, "materials": materials is None}
+        given["shared"] = shared
         fields.problem.check_alike("write_fields", **given)
         names, rank, comm = list(fields.problem.parts), fields.problem.rank, fields.problem.comm
         with agreement(comm):
             fields.problem.check_sources()
-            made = dict(_part_grids(fields, materials, modes))
+            made = dict(_part_grids(fields, materials, modes, shared))
     if not names:
         raise ValueError("there are no displacements to write")
 
@@ -150,16 +164,16 @@ def write_fields(
 
 
 def _function_grids(
-    functions: Mapping[str, fem.Function], materials: Materials
+    functions: Mapping[str, fem.Function], materials: Materials, shared: bool
 ) -> Iterator[tuple[str, Callable[[int], Grid]]]:
     """Part -> its grid from a function."""
     for name, function in functions.items():
-        part = _PartWriter(function, materials.get(name))
+        part = _PartWriter(function, materials.get(name), shared)
         yield name, partial(part.grid, function.x.array[None].copy(), [], {}, [], [])
 
 
 def _part_grids(
-    answer: Answer, materials: Materials | None, modes: Sequence[int]
+    answer: Answer, materials: Materials | None, modes: Sequence[int], shared: bool
 ) -> Iterator[tuple[str, Callable[[int], Grid]]]:
     """Part -> its grid at a step."""
     if modes and answer.kind != "chaos":
@@ -185,7 +199,7 @@ def _part_grids(
         material = s.material if materials is None else materials.get(name)
         if name in getattr(answer.plan, "scaled", ()):
             material = None  # its stress is no function of the mean displacement
-        part = _PartWriter(function, material, put, initial)
+        part = _PartWriter(function, material, shared, put, initial)
         in_time = partial(stepped, times=answer.times)
         numbers = [in_time(answer.load_number(load, parameter)) for load, parameter, _ in loads]
         of_spread = [
@@ -202,6 +216,7 @@ class _PartWriter:
         self,
         function: fem.Function,
         material: Any,
+        shared: bool,
         put: Callable[[Array], Array] | None = None,
         initial: Sequence[Any] = (),
     ) -> None:
@@ -210,7 +225,10 @@ class _PartWriter:
         self._d = int(space.mesh.geometry.dim)
         degree = int(space.element.basix_element.degree)
         self._nodal = fem.Function(broken_space(self._u, (self._d,), degree))
-        topology, types, self._x = plot.vtk_mesh(self._nodal.function_space)
+        # of cells that share nodes: those of each cell, and how values are brought there
+        self._shared = Shared(self._nodal) if shared else None
+        nodes = self._nodal.function_space if self._shared is None else self._shared.space
+        topology, types, self._x = plot.vtk_mesh(nodes)
         self._cells = topology.reshape(len(types), -1)[:, 1:].astype(np.int64)
         self._type = int(types[0])
         self._stress: Callable[[Sequence[float]], fem.Function] | None = None
@@ -222,12 +240,16 @@ class _PartWriter:
         """Displacement (nodes, d), and stress (nodes, d, d) if it is known."""
         self._u.x.array[:] = unknowns if self._put is None else self._put(unknowns)
         self._nodal.interpolate(self._u)
-        moved = self._nodal.x.array.reshape(-1, self._d).copy()
+        moved = self._at_nodes(self._nodal.x.array.reshape(-1, self._d))
         if self._stress is None:
             return moved, None
         stress = self._stress(self._nothing if numbers is None else numbers)
         n = int(stress.function_space.value_shape[0])
-        return moved, stress.x.array.reshape(-1, n, n).copy()
+        return moved, self._at_nodes(stress.x.array.reshape(-1, n * n)).reshape(-1, n, n)
+
+    def _at_nodes(self, values: Array) -> Array:
+        """Values (nodes of the cells, k) at the nodes of the grid."""
+        return values.copy() if self._shared is None else self._shared.mean(values)
 
     def grid(
         self,
@@ -265,6 +287,7 @@ class _PartWriter:
             data["stress"] = self._symmetric(stress)
             if stress.shape[1] == 3:
                 data["von Mises"] = (von_mises(stress), "")
+                data["principal stress"] = (principal(stress), "123")
             if spread:
                 data["stress std"] = self._symmetric(np.sqrt(stress_square))
         return Grid(self._x, self._cells, self._type, data)
@@ -298,6 +321,7 @@ def write_interfaces(
     ``gap``                   of contacts: their distance, length
     ``state``                 of contacts: 0 open, 1 closed (stick, with friction), 2 slip; on facets
                               with several points the fractions of its area, ``open share``, ``slip share``
+    ``slip use``              of friction: size of f_t over mu p + tau, 0 where it is open, 1 where it slips
     ``area``                  that a point or facet stands for
     ========================  ====================================================================
 

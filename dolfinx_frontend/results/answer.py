@@ -41,7 +41,7 @@ __all__ = [
 T = TypeVar("T")
 AnswerKind = Literal["deterministic", "history", "chaos", "samples", "sweep"]
 Of = Literal["force", "jump", "displacement"]
-OfPart = Literal["displacement", "stress"]
+OfPart = Literal["displacement", "stress", "von Mises", "principal"]
 
 SAMPLES = 4096
 """Samples of a chaos from which a table is made."""
@@ -246,7 +246,7 @@ class Answer(Protocol):
     def displacement(self, part: str, step: int = -1) -> Any:
         """Displacement of a part as a dolfinx function; of a random answer its mean."""
 
-    def stress(self, part: str, step: int = -1) -> Any:
+    def stress(self, part: str, step: int = -1, of: str = "tensor") -> Any:
         """Stress of that displacement."""
 
     def std(self, part: str, step: int = -1, of: OfPart = "displacement") -> Any:

@@ -567,11 +567,12 @@ class ChaosResult(Result, StochasticResult):
 
     def quantity(
         self,
-        function: Callable[[Block], npt.ArrayLike],
+        function: Callable[[Block], npt.ArrayLike] | str,
         name: str = "quantity",
         unit: str = "",
         samples: int | None = None,
         seed: int = 0,
+        step: int = -1,
     ) -> Quantity:
         """A scalar quantity of interest, evaluated at random samples of the chaos, see
         :meth:`Result.quantity`.
@@ -579,14 +580,14 @@ class ChaosResult(Result, StochasticResult):
         Where a law is nonlinear its probabilities and quantiles solve some of these samples, and their
         intervals carry the error of the chaos: see :class:`WitnessedQuantity`. On several ranks they do not.
         """
-        found = super().quantity(function, name, unit, samples, seed)
+        found = super().quantity(function, name, unit, samples, seed, step)
         if not self.collocations or self.problem.comm is not None:
             return found
 
         def solve(which: npt.NDArray[np.int64]) -> Array:
             germs = self.space.sample(len(found), seed)[which]
             solved = self.sampler(self, germs, keep_states=True)
-            return solved.quantity(function, name).values
+            return solved.quantity(function, name, step=step).values
 
         return WitnessedQuantity(name=name, unit=unit, values=found.values, kind=found.kind, solve=solve)
 

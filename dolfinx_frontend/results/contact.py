@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array, Flags
 
-__all__ = ["CLOSED", "OPEN", "SLIPS", "ContactValues", "contact_states", "contact_values"]
+__all__ = ["CLOSED", "OPEN", "SLIPS", "ContactValues", "contact_states", "contact_values", "slip_use"]
 
 OPEN, CLOSED, SLIPS = 0.0, 1.0, 2.0
 """States of a contact; closed with friction is stick."""
@@ -96,3 +96,18 @@ def contact_states(
     friction, threshold = limits
     limit = friction * np.abs(normal) + threshold
     return is_open, ~is_open & (shear >= (1.0 - AT_LIMIT) * limit)
+
+
+def slip_use(normal: Array, shear: Array, limits: tuple[Array, Array]) -> Array:
+    """How much of the friction limit is used, |f_t| / (mu p + tau), (..., m): 1 slips, 0 where it is open.
+
+    Parameters
+    ----------
+    normal, shear, limits
+        As of :func:`contact_states`.
+    """
+    friction, threshold = limits
+    limit = friction * np.abs(normal) + threshold
+    closed = ~contact_states(normal, shear, None)[0]
+    out: Array = np.divide(shear, limit, out=np.zeros_like(shear), where=closed & (limit > 0.0))
+    return out

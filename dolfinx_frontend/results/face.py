@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +19,7 @@ from dolfinx_frontend.common.checks import (
     checked_callable,
     checked_flag,
     checked_name,
+    checked_word,
     told_call,
 )
 from dolfinx_frontend.common.errors import SceneError
@@ -32,10 +34,16 @@ from dolfinx_frontend.results.answer import (
     stepped,
 )
 from dolfinx_frontend.results.moments import Accumulator, of_modes
-from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
+from dolfinx_frontend.results.readings import ELIMINATED, Readings, column_of, read
 from dolfinx_frontend.results.probes import AtPoint, reaction_of
 from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
-from dolfinx_frontend.results.stress import stress_function, stress_of
+from dolfinx_frontend.results.sampled_stress import (
+    MADE_OF_STRESS,
+    PartStress,
+    made_of_stress,
+    moments_of_stress,
+)
+from dolfinx_frontend.results.stress import stress_function
 from dolfinx_frontend.results.surfaces import surface_of
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
@@ -279,25 +287,37 @@ class Face(ABC):
         """Mean displacement, as :meth:`displacement`."""
         return self.displacement(part, step)
 
-    def stress(self, part: str, step: int = -1) -> fem.Function:
+    def stress(self, part: str, step: int = -1, of: str = "tensor") -> fem.Function:
         """Stress of the displacement, force / area, (d, d), cell by cell; of a random answer its mean.
+
+        Parameters
+        ----------
+        of
+            ``"tensor"``; ``"von Mises"``; or ``"principal"``, three numbers, the largest first. Of a random
+            answer the last two are computed sample by sample: the mean of the von Mises stress is not that of
+            the mean stress.
 
         Raises
         ------
         SceneError
-            As for :meth:`displacement`, or the material is a form that gives no stress.
+            As for :meth:`displacement`, the material is a form that gives no stress, or `of` needs an axis
+            that a plane part does not have.
         """
+        checked_word("stress", "of", of, ("tensor", *MADE_OF_STRESS))
         u = self.displacement(part, step)
         self.problem.check_sources(part)
         step = check_step(self.times, step, "stress")
         if self._factored(part):
-            return self._stress_moments(part, step)[0]
+            found = self._stress_moments if of == "tensor" else partial(made_of_stress, self, of=of)
+            return found(part, step)[0]
         if self.problem.substructures[part].material is None:
             raise SceneError(
                 f"stress of {part!r}: no material is known for it. A file has none of a part with initial "
                 "strains (temperatures) or a random stiffness, or whose material is a form: compute stresses "
                 "before save"
             )
+        if of != "tensor":
+            return made_of_stress(self, part, step, of)[0]
         initial = [
             (stress, float(stepped(self.load_number(load, parameter), self.times)[step]))
             for load, parameter, stress in self.problem.initial_stresses(part)
@@ -318,21 +338,11 @@ class Face(ABC):
 
     def _stress_moments(self, part: str, step: int) -> tuple[fem.Function, fem.Function]:
         """Mean and deviation of the stress of a part whose stiffness varies; of a sweep of its last point."""
-        u = self.displacement(part, step)
-        material = self.problem.substructures[part].material
+        stress = PartStress(self, part, step)
         loads = self.problem.initial_stresses(part)
-        degree = int(u.function_space.element.basix_element.degree)
-        at = stress_of(u, material, degree, [each for _, _, each in loads])
-
-        def stress(unknowns: Array, numbers: Sequence[float]) -> Array:
-            u.x.array[:] = self.function(part, unknowns, "").x.array
-            return np.array(at(numbers).x.array)
-
-        mean, deviation = at([0.0] * len(loads)).copy(), at([0.0] * len(loads)).copy()
+        mean, deviation = stress.function.copy(), stress.function.copy()
         by, coupling = self.stiffness_modes(part), self.stiffness_coupling(part)
-        nodes = np.asarray(mean.function_space.dofmap.list, dtype=np.int64)
-        block_size = mean.function_space.dofmap.index_map_bs
-        of_cells = (block_size * nodes[:, :, None] + np.arange(block_size)).reshape(len(nodes), -1)
+        of_cells = stress.of_cells
         if coupling is not None:
 
             def of_modes(mean: Array, spread: Sequence[Array]) -> list[Array]:
@@ -360,22 +370,7 @@ class Face(ABC):
             mean.x.array[:] = found[0]
             deviation.x.array[:] = np.sqrt(np.sum(np.square(found[1:]), axis=0)) if len(found) > 1 else 0.0
             return mean, deviation
-        sums = Accumulator(self.statistics != "qmc")
-        for block in [self.shown()] if self.statistics == "grid" else self.moment_blocks():
-            fields = stepped(block.displacement(part), self.times, 1)[:, step]
-            factors = block.factor(part)
-            if factors.ndim > 1:
-                every_one = np.empty((len(factors), len(mean.x.array)))
-                every_one[:, of_cells] = factors[:, :, None]
-                factors = np.broadcast_to(every_one, (len(fields), every_one.shape[1]))
-            else:
-                factors = np.broadcast_to(factors, (len(fields),))
-            sampled = [stepped(block.load(load, p), self.times, 1)[:, step] for load, p, _ in loads]
-            each_row = [np.broadcast_to(each, (len(fields),)) for each in sampled]
-            rows: Array = np.reshape(each_row, (len(loads), len(fields))).T
-            found = [factors[n] * stress(fields[n], list(rows[n])) for n in range(len(fields))]
-            sums.add({part: np.array(found)}, block.weights)
-        mean.x.array[:], deviation.x.array[:] = sums.found()[part]
+        mean.x.array[:], deviation.x.array[:] = moments_of_stress(stress, self)
         return mean, deviation
 
     def load_number(self, load: str, parameter: str) -> Array:
@@ -391,20 +386,24 @@ class Face(ABC):
     def std(self, part: str, step: int = -1, of: OfPart = "displacement") -> fem.Function:
         """Standard deviation of every component of the displacement or the stress; 0 if nothing is random.
 
-        The stress of a chaos has that of its coefficients, that of samples is computed at all of them.
+        The stress of a chaos has that of its coefficients, that of samples is computed at all of them, and so
+        are ``"von Mises"`` and ``"principal"``, also of a chaos.
 
         Raises
         ------
         SceneError
             As for :meth:`displacement`, or of a sweep, whose points have no probability.
         """
-        if not isinstance(of, str) or of not in ("displacement", "stress"):
-            raise SceneError(f"std: of = {of!r}: use 'displacement' or 'stress'")
+        if not isinstance(of, str) or of not in ("displacement", "stress", *MADE_OF_STRESS):
+            known = ", ".join(map(repr, ("displacement", "stress", *MADE_OF_STRESS)))
+            raise SceneError(f"std: of = {of!r}: use one of {known}")
         self._no_grid("std")
         self._check_part(part)
         step = check_step(self.times, step, "std")
         if of == "stress":
             return self._stress_deviation(part, step)
+        if of != "displacement":
+            return made_of_stress(self, part, step, of)[1]
         deviation = self.deviation(part)
         values = np.zeros_like(self.unknowns(part)) if deviation is None else deviation
         return self.function(part, stepped(values, self.times)[step], "deviation")
@@ -412,20 +411,10 @@ class Face(ABC):
     def _stress_deviation(self, part: str, step: int) -> fem.Function:
         if self._factored(part):
             return self._stress_moments(part, step)[1]
-        u = self.displacement(part, step)
         self.problem.check_sources(part)
-        material = self.problem.substructures[part].material
-        loads = self.problem.initial_stresses(part)
-        keys = [(load, parameter) for load, parameter, _ in loads]
-        at = stress_of(
-            u, material, int(u.function_space.element.basix_element.degree), [each for _, _, each in loads]
-        )
-        out = at([0.0] * len(loads)).copy()
-
-        def stress(unknowns: Array, numbers: Sequence[float]) -> Array:
-            u.x.array[:] = self.function(part, unknowns, "").x.array
-            return np.array(at(numbers).x.array)
-
+        stress = PartStress(self, part, step)
+        keys = [(load, parameter) for load, parameter, _ in self.problem.initial_stresses(part)]
+        out = stress.function.copy()
         spread = self.spread(part)
         if self.deviation(part) is None:
             out.x.array[:] = 0.0
@@ -437,14 +426,7 @@ class Face(ABC):
                 total += stress(stepped(each, self.times)[step], now) ** 2
             out.x.array[:] = np.sqrt(total)
         else:
-            sums = Accumulator(self.statistics != "qmc")
-            for block in self.moment_blocks():
-                fields = stepped(block.displacement(part), self.times, 1)[:, step]
-                every = [stepped(block.load(*key), self.times, 1)[:, step] for key in keys]
-                at_samples: Array = np.reshape(every, (len(keys), len(fields))).T
-                found = [stress(fields[n], list(at_samples[n])) for n in range(len(fields))]
-                sums.add({part: np.array(found)}, block.weights)
-            out.x.array[:] = sums.found()[part][1]
+            out.x.array[:] = moments_of_stress(stress, self)[1]
         return out
 
     def moments(self, name: str, of: Of | None = None) -> tuple[Array, Array]:
@@ -501,11 +483,12 @@ class Face(ABC):
     # --- numbers -------------------------------------------------------------------------------
     def quantity(
         self,
-        function: Callable[[Block], npt.ArrayLike],
+        function: Callable[[Block], npt.ArrayLike] | str,
         name: str = "quantity",
         unit: str = "",
         samples: int | None = None,
         seed: int = 0,
+        step: int = -1,
     ) -> Quantity:
         """A scalar quantity of interest, evaluated sample by sample.
 
@@ -515,21 +498,27 @@ class Face(ABC):
         ----------
         function
             Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times.
-            An :class:`AtPoint` of another problem is found again in the meshes of this one.
+            An :class:`AtPoint` of another problem is found again in the meshes of this one. Or a number of
+            the tables by name: ``"joint.pressure_min"``, ``"bolt.normal"`` (see :meth:`table`).
         name, unit
             For tables and figures.
         samples, seed
             Of a chaos: this many random samples (None: 100 000). Other answers use all their samples.
+        step
+            Of a load history, for a number of the tables.
         """
-        wanted = "give a function of the fields of n samples that returns (n,) values"
-        checked_callable("quantity", "function", function, wanted)
+        wanted = "give a function of the fields of n samples that returns (n,) values, or 'interface.column'"
+        if isinstance(function, str) and "." in function:
+            name = function if name == "quantity" else name
+            function = column_of(self, function, check_step(self.times, step, "quantity"))
+        number: Callable[..., Any] = checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
         where = f"quantity {name!r}"
-        if isinstance(function, AtPoint):
-            function = function.on(self.problem)
+        if isinstance(number, AtPoint):
+            number = number.on(self.problem)
         blocks = self.many(self.draws if samples is None else samples, seed)
         found = [
-            (one_number_a_sample(told_call(where, function, b), len(b), name), b.weights) for b in blocks
+            (one_number_a_sample(told_call(where, number, b), len(b), name), b.weights) for b in blocks
         ]
         weights = [w for _, w in found if w is not None]
         return Quantity(
@@ -559,8 +548,9 @@ class Face(ABC):
 
         Columns (see :mod:`dolfinx_frontend.results.readings` for signs): area; ``force_x`` ...,
         ``moment_x`` ... on side 1, global axes; ``normal`` (tension > 0) and ``shear``, total;
-        ``pressure_min``, ``_mean``, ``_max``; ``shear_max``; ``open_area`` (no pressure) and ``slip_area``
-        (friction at its limit) of contacts. Of interfaces that were eliminated as supports or glue, the
+        ``pressure_min``, ``_mean``, ``_max``; ``shear_max``; ``open_area`` (no pressure), ``slip_area``
+        (friction at its limit) and ``slip_use`` (share of the friction limit of what is closed that is used
+        up: at 1 all of it slips) of contacts. Of interfaces that were eliminated as supports or glue, the
         reactions; their points carry no pressure that is known. Collective on several ranks.
 
         A random answer has a row per statistic: mean, standard deviation and quantiles of the number itself,

@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.results.answer import Answer, Surface, stepped
-from dolfinx_frontend.results.contact import CLOSED, OPEN, SLIPS, ContactValues, contact_states
+from dolfinx_frontend.results.contact import CLOSED, OPEN, SLIPS, ContactValues, contact_states, slip_use
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 
 __all__ = ["fields_at_points", "interface_fields"]
@@ -24,8 +24,9 @@ def fields_at_points(
 ) -> dict[str, Array]:
     """Fields at the points by name, what a law does not have left out.
 
-    ``pressure``, ``opening``, ``gap`` (contacts), ``state`` (contacts: 0 open, 1 closed or stick, 2 slip):
-    (..., m); ``shear``, ``slip``: (..., m, d), global axes.
+    ``pressure``, ``opening``, ``gap`` (contacts), ``state`` (contacts: 0 open, 1 closed or stick, 2 slip),
+    ``slip use`` (friction: of its limit, 0 where it is open, 1 where it slips): (..., m); ``shear``,
+    ``slip``: (..., m, d), global axes.
 
     Parameters
     ----------
@@ -51,8 +52,11 @@ def fields_at_points(
         if count == d:
             fields["slip"] = slip
     if contact is not None:
-        is_open, slips = contact_states(normal, np.linalg.norm(shear, axis=-1), contact.limits)
+        size = np.linalg.norm(shear, axis=-1)
+        is_open, slips = contact_states(normal, size, contact.limits)
         fields["state"] = np.where(is_open, OPEN, np.where(slips, SLIPS, CLOSED))
+        if contact.limits is not None:
+            fields["slip use"] = slip_use(normal, size, contact.limits)
     return fields
 
 

@@ -7,7 +7,7 @@ force of a bolt); moments are about the centroid of the interface unless a point
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -24,7 +24,7 @@ from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.reactions import Reaction, reaction
 from dolfinx_frontend.uncertainty.quantities import Kind
 
-__all__ = ["Measures", "Readings", "known_interfaces", "measure", "read"]
+__all__ = ["Measures", "Readings", "column_of", "known_interfaces", "measure", "read"]
 
 ELIMINATED = "eliminated, the force is not an unknown (solve with active=[...] to have it)"
 SHARED = "eliminated, shares nodes with another support or glued face (solve with active=[...] to have it)"
@@ -211,11 +211,15 @@ def measure(
     values["pressure_max"] = -normal.min(axis=-1)
     values["shear_max"] = shear.max(axis=-1)
     nothing = np.full(force.shape[:-2], np.nan)
-    values["open_area"] = values["slip_area"] = nothing
+    values["open_area"] = values["slip_area"] = values["slip_use"] = nothing
     if surface.contact:
         open_, slips = contact_states(normal, shear, limits)
         values["open_area"] = open_ @ weights
-        values["slip_area"] = slips @ weights if limits is not None else nothing
+        if limits is not None:
+            values["slip_area"] = slips @ weights
+            limit = (limits[0] * np.abs(normal) + limits[1]) * ~open_ @ weights
+            used = (shear * ~open_) @ weights
+            values["slip_use"] = np.divide(used, limit, out=np.zeros_like(used), where=limit > 0.0)
     return values
 
 
@@ -245,7 +249,7 @@ def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[
     nothing = np.full(shape, np.nan)
     rest = (
         "normal", "shear", "pressure_min", "pressure_mean", "pressure_max", "shear_max", "open_area",
-        "slip_area",
+        "slip_area", "slip_use",
     )  # fmt: skip
     values = {"area": np.full(shape, surface.area)} | resultants | dict.fromkeys(rest, nothing)
     normal = surface.normals[0]
@@ -256,6 +260,37 @@ def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[
         values["shear"] = np.hypot.reduce(vector - along[..., None] * normal, axis=-1)
         values["pressure_mean"] = -along / surface.area
     return values
+
+
+def column_of(answer: Answer, text: str, step: int = -1) -> Callable[[Block], Array]:
+    """A number of the tables as a function of samples: ``"joint.pressure_min"``, ``"bolt.axial.normal"``.
+
+    Raises
+    ------
+    SceneError
+        An interface or a column that there is not, or that can have no number.
+    """
+    name, _, column = text.rpartition(".")
+    where = f"quantity {text!r}"
+    check_known("interface", name, answer.problem.interfaces, where)
+    surface = answer.surface(name)
+    why = None if name in answer.known else answer.why_unknown(name)
+    held = reaction(answer, name) if name not in answer.known and why is None else None
+    if held is None and name not in answer.known:
+        raise SceneError(f"{where}: interface {name!r}: {why or SHARED}")
+
+    def number(block: Block) -> Array:
+        if held is not None:
+            values = _reacted(surface, held, [block])
+        else:
+            values = answer.everywhere(name, partial(_measured, answer, name, [block]))
+        check_known("column", column, values, where)
+        found: Array = values[column][:, step]
+        if np.all(np.isnan(found)):
+            raise SceneError(f"{where}: the law of {name!r}, {surface.law}, has no {column}")
+        return found
+
+    return number
 
 
 def known_interfaces(

@@ -8,12 +8,14 @@ from typing import Any
 import basix
 import basix.ufl
 import numpy as np
+import scipy.sparse as sp
+import ufl
 from dolfinx import fem
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["broken_space", "stress_function", "stress_of", "von_mises"]
+__all__ = ["Shared", "broken_space", "principal", "stress_function", "stress_of", "von_mises"]
 
 
 def broken_space(function: fem.Function, shape: tuple[int, ...], degree: int) -> fem.FunctionSpace:
@@ -91,6 +93,59 @@ def stress_of(
         return function
 
     return stress
+
+
+class Shared:
+    """Nodes that cells share, of a function of :func:`broken_space`."""
+
+    def __init__(self, function: fem.Function) -> None:
+        broken = function.function_space
+        self._element = broken.element.basix_element
+        self._mesh, self._shape = broken.mesh, tuple(broken.value_shape)
+        self.space = self._space(self._shape)
+        self._nodes, self._own = self.space.dofmap.list, broken.dofmap.list
+        volumes = _cell_volumes(broken.mesh)[: len(self._nodes)]
+        count = int(self._nodes.max(initial=-1)) + 1
+        ones = np.repeat(volumes, self._nodes.shape[1])
+        places = (self._nodes.ravel(), self._own.ravel())
+        sums = sp.csr_matrix((ones, places), shape=(count, int(self._own.max(initial=-1)) + 1))
+        total = np.asarray(sums.sum(axis=1)).ravel()
+        self._mean = sp.diags(1.0 / np.maximum(total, 1e-300)) @ sums
+
+    def _space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
+        element = basix.ufl.element(
+            "Lagrange",
+            self._mesh.topology.cell_name(),
+            int(self._element.degree),
+            lagrange_variant=basix.LagrangeVariant.equispaced,
+            shape=shape,
+        )
+        return fem.functionspace(self._mesh, element)
+
+    def mean(self, values: Array) -> Array:
+        """Values (nodes of all cells, k) at the nodes, (nodes, k): the means over the cells there."""
+        return np.asarray(self._mean @ values)
+
+    def function(self, broken: fem.Function) -> fem.Function:
+        """The continuous function with these values."""
+        shape = tuple(broken.function_space.value_shape)
+        out = fem.Function(self.space if shape == self._shape else self._space(shape), name=broken.name)
+        size = broken.function_space.dofmap.bs
+        out.x.array[:] = self.mean(broken.x.array.reshape(-1, size)).ravel()
+        return out
+
+
+def _cell_volumes(mesh: Any) -> Array:
+    """(cells,), of the cells on this rank."""
+    space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
+    form = fem.form(ufl.TestFunction(space) * ufl.dx)
+    return np.asarray(fem.assemble_vector(form).array)
+
+
+def principal(stress: Array) -> Array:
+    """Principal stresses (points, 3), the largest first, of stresses (points, 3, 3)."""
+    rising = np.linalg.eigvalsh(0.5 * (stress + np.swapaxes(stress, 1, 2)))
+    return np.asarray(rising[:, ::-1], dtype=np.float64)
 
 
 def von_mises(stress: Array) -> Array:

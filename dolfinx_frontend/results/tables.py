@@ -143,6 +143,8 @@ class Table:
                 continue
             numbers = [abs(v) for v in column if isinstance(v, float) and math.isfinite(v)]
             largest[_kind(name)] = max([largest.get(_kind(name), 0.0), *numbers])
+        if "slip_use" in largest:
+            largest["slip_use"] = 1.0  # a ratio
         if "moment" in largest:
             axes = sum(name.startswith("force_") for name in self.columns)
             size = largest["area"] ** (1.0 / (axes - 1))
@@ -161,6 +163,8 @@ def _kind(column: str) -> str:
     """Kind of a column; a number far below the others of its kind is rounding."""
     if column in ("normal", "shear", "before", "after", "change", "lowest", "highest"):
         return "force"
+    if column == "slip_use":
+        return column
     return "pressure" if column == "shear_max" else column.split("_")[0]
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers import printed_as_shown, shown_blocks
+
 ROOT = Path(__file__).resolve().parents[2]
 DEMOS = sorted(path.name for path in (ROOT / "demos").glob("*.py"))
 
@@ -17,8 +19,13 @@ DEMOS = sorted(path.name for path in (ROOT / "demos").glob("*.py"))
 SHORT = {
     "bolted_vessel.py": ["--size", "coarse", "--quick", "--output", "{}"],
     "bolted_lap_joint.py": ["--quick", "--output", "{}"],
+    "bracket_from_step.py": ["--quick", "--no-figures", "--output", "{}"],
+    "bonded_lap_joint.py": ["--output", "{}"],
+    "own_law.py": ["--output", "{}"],
+    "first_bolt.py": ["--no-figures", "--output", "{}"],
     "hertz.py": ["--quick", "--output", "{}"],
     "flange_from_step.py": ["--quick", "--output", "{}"],
+    "make_bracket_step.py": ["{}/bracket.step"],
     "make_flange_step.py": ["{}/flange.step"],
     "loads_and_scatter.py": ["--output", "{}"],
     "tradeoff.py": ["--scenes", "vessel", "--output", "{}"],
@@ -50,6 +57,10 @@ WRITTEN = {
         "slip_friction_preload.png",
         "slip_friction_stiffness.png",
     ],
+    "bracket_from_step.py": ["bracket.step", "parts.pvd", "interfaces.pvd", "bracket.html", "bracket.csv"],
+    "bonded_lap_joint.py": ["bonded.png"],
+    "own_law.py": ["own_law.png"],
+    "first_bolt.py": ["joint_diagram.png"],
     "flange_from_step.py": [
         "flange.step",
         "flange.vtm",
@@ -65,6 +76,7 @@ WRITTEN = {
         "random_field_rod.png",
         "sphere.png",
     ],
+    "make_bracket_step.py": ["bracket.step"],
     "make_flange_step.py": ["flange.step"],
     "tradeoff.py": ["tradeoff.png"],
     "hertz.py": [
@@ -76,6 +88,7 @@ WRITTEN = {
         "cattaneo_mindlin.png",
     ],
 }
+SHOWN = {"bonded_lap_joint.py": "bonded_lap_joint.md", "own_law.py": "own_law.md"}
 VESSEL_PARTS = ("cylinder", "flange", "ring", "cover", "shank", "head")
 
 
@@ -100,6 +113,10 @@ def test_demo(name: str, tmp_path: Path) -> None:
     printed = run(f"demos/{name}", *(a.format(tmp_path) for a in SHORT.get(name, [])))
     for file in WRITTEN.get(name, []):
         assert (tmp_path / file).stat().st_size > 200, file
+    if name in SHOWN:  # the tutorial shows what was printed
+        page = (ROOT / "docs" / "tutorials" / SHOWN[name]).read_text()
+        for shown in shown_blocks(page):
+            printed_as_shown(printed, shown)
     if name == "bolted_lap_joint.py":
         assert printed.rstrip().endswith("all checks passed")
         assert max(len(line) for line in printed.splitlines()) <= 100

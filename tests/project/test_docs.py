@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import dolfinx_frontend
+from tests.helpers import printed_as_shown
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -35,12 +37,15 @@ PAGES = [
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_examples(page: str) -> None:
+def test_examples(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """They run, and print what the block behind them shows."""
     names: dict[str, object] = {"__name__": "docs"}
-    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), flags=re.S)
+    blocks = re.findall(r"```python\n(.*?)```(?:\s*```\n(.*?)```)?", (DOCS / page).read_text(), flags=re.S)
     assert blocks
-    for block in blocks:
+    for block, shown in blocks:
+        capsys.readouterr()
         exec(compile(block, page, "exec"), names)
+        printed_as_shown(capsys.readouterr().out, shown)
 
 
 def test_kernel_page_shows_its_demo(capsys: pytest.CaptureFixture[str]) -> None:
@@ -68,6 +73,28 @@ def test_every_public_name_is_in_the_reference() -> None:
         thing = getattr(dolfinx_frontend, name)
         module = thing.__name__ if inspect.ismodule(thing) else thing.__module__
         assert module in documented, f"{name} of {module}"
+
+
+def test_every_public_name_has_a_task() -> None:
+    named = set(re.findall(r"`(\w+)", (DOCS / "api" / "index.md").read_text()))
+    assert set(dolfinx_frontend.__all__) - {"geometry"} <= named
+
+
+def test_messages_are_those_of_the_code() -> None:
+    """Every message of the page is in a text of the frontend, so that a search for it ends there."""
+    found = []
+    for file in Path(dolfinx_frontend.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.JoinedStr):
+                parts = (v.value if isinstance(v, ast.Constant) else "#" for v in node.values)
+                found.append("".join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append(node.value)
+    texts = "\n".join(found)
+    messages = re.findall(r"^\| `([^`]+)`", (DOCS / "messages.md").read_text(), flags=re.M)
+    assert len(messages) > 25
+    for message in messages:
+        assert all(piece in texts for piece in message.split(" ... ")), message
 
 
 def test_every_demo_is_a_tutorial() -> None:

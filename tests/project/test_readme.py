@@ -1,4 +1,4 @@
-"""The example of the README runs as it stands."""
+"""The README: its example runs as it stands and prints what is shown, and its links lead somewhere."""
 
 from __future__ import annotations
 
@@ -6,14 +6,28 @@ import re
 from pathlib import Path
 
 import pytest
+from tests.helpers import printed_as_shown
 
-README = Path(__file__).resolve().parents[2] / "README.md"
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text()
 
 
 def test_example(capsys: pytest.CaptureFixture[str]) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), flags=re.S)
-    assert len(blocks) == 1
-    assert len(blocks[0].splitlines()) <= 30
-    exec(compile(blocks[0], str(README), "exec"), {})
-    shown = capsys.readouterr().out
-    assert all(word in shown for word in ("converged", "(95 %)", "Mat"))
+    blocks = re.findall(r"```python\n(.*?)```\s*```\n(.*?)```", README, flags=re.S)
+    assert len(blocks) == README.count("```python") == 1
+    code, shown = blocks[0]
+    assert len(code.splitlines()) <= 20
+    exec(compile(code, "README.md", "exec"), {})
+    printed_as_shown(capsys.readouterr().out, shown)
+
+
+def test_its_two_commands_are_there() -> None:
+    assert "./run test " in README and "./run demo " in README
+
+
+def test_links_of_the_pages_lead_somewhere() -> None:
+    """Of README and docs: every file that a link names is there."""
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]:
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
+            if not target.startswith(("http", "mailto")):
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
