@@ -416,16 +416,16 @@ void Run::finish(Status status) {
     stages_.refresh(state_);
   }
   // what the bodies' factors leave is no part of the iteration, but of the error
+  const double bearable = bearable_rounding * options_.rtol;
+  const bool was_small = error_.largest(summary_.errors) <= bearable;
   add_rounding_of_bodies();
   if (!stages_.laws().linear_everywhere() && !options_.stop_on_indicator) {
     // steps that end far below the tolerance do not say how far
     summary_.errors = summary_.errors.cwiseMax(Verification::resolution(options_.rtol));
   }
   summary_.error = std::max(summary_.error, error_.largest(summary_.errors));
-  summary_.status =
-      status == Status::converged && summary_.error > bearable_rounding * options_.rtol
-          ? Status::inexact
-          : status;
+  const bool is_rounding = was_small && summary_.error > bearable;
+  summary_.status = status == Status::converged && is_rounding ? Status::inexact : status;
   summary_.iterations = iterations();
   summary_.restarts = safeguard_.restarts();
   summary_.global_s = stages_.global_seconds();
