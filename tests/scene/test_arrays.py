@@ -125,7 +125,7 @@ INPUTS: dict[str, tuple[Given, Callable[..., Any]]] = {
     ),
 }
 NO_ARRAYS = (
-    "AtPoint BoltStiffness Expression Ways compare_ways expression "
+    "AtPoint BoltStiffness Expression PricedWay Ways compare_ways expression "
     "Beta Cut Errors Estimate FromDistribution Gamma IndefiniteError Interface Law LinearElastic LogNormal "
     "Material NearlyIndefiniteWarning Normal Options Perfect Plan Preload Quantity RandomField RandomLaws "
     "ResultFileError Resultant SavedResult SceneError SceneWarning StochasticResult Substructure Symmetry "
