@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
 from dolfinx_frontend.results.contact import contact_states
@@ -20,6 +20,9 @@ NOTHING = 1e-6
 """A shear or clamping force below this share of the largest is none."""
 ROUND = 0.15
 """What the second moments of a section may differ from those of a circle: cells have straight edges."""
+AT_LIMIT = 1e-3
+"""All friction of a point but this share is used up: it slips. A joint slides where one point sticks at most,
+around which it may turn."""
 LITTLE = 0.01
 """An axial load below this share of the bolt force has no load factor."""
 
@@ -53,6 +56,7 @@ class _Joint:
     clamping: Array
     shear: Array
     friction: Array
+    slides: Array
     open: Array
 
 
@@ -201,6 +205,7 @@ def _of_joint(
     if np.isfinite(each.friction).all():
         with np.errstate(divide="ignore", invalid="ignore"):
             safety = np.where(each.shear > 0.0, each.friction / each.shear, np.inf)[:, since]
+        safety = np.where(_slides(each, last), np.minimum(safety, 1.0), safety)
         own["S_G"] = safety.min(axis=1)
     if np.isfinite(each.open).all():
         own["open"] = each.open[:, since].max(axis=1)
@@ -236,14 +241,22 @@ def _margins(joint: _Joint, last: int | None) -> dict[str, Array]:
         whole, rest = joint.clamping[:, last], joint.clamping[:, last:].min(axis=1)
         size = NOTHING * np.abs(joint.clamping).max(initial=1e-300)
         found["m_K"] = np.where(whole > size, rest / np.where(whole > size, whole, 1.0), 0.0)
-    if np.isfinite(joint.friction).all() and joint.shear.any():
+    if np.isfinite(joint.friction).all() and (joint.shear.any() or joint.slides.any()):
         since = slice(0 if last is None else last, None)
         friction, shear = joint.friction[:, since], joint.shear[:, since]
         whole = friction[:, :1] if last is not None else friction
         whole = np.where(whole > 0.0, whole, np.maximum(friction, shear))
         left = (friction - shear) / np.where(whole > 0.0, whole, 1.0)
+        left = np.where(_slides(joint, last), np.minimum(left, 0.0), left)
         found["m_G"] = left.min(axis=1)
     return found
+
+
+def _slides(joint: _Joint, last: int | None) -> Flags:
+    """Whether all points are at their limit (N, steps since all is tightened): forces of a joint that turns cancel
+    as vectors. What tightening alone brings to its limit, by widening, is no slip."""
+    slides = joint.slides > 0.0
+    return slides if last is None else slides[:, last:] & ~slides[:, last, None]
 
 
 def _joints(
@@ -278,6 +291,7 @@ def _read(
             normal = np.einsum("ntpd,pd->ntp", vectors, surface.normals)
             shear = vectors - normal[..., None] * surface.normals
             bears = np.maximum(-normal, 0.0)
+            size = np.linalg.norm(shear, axis=-1)
             mu = friction.get(joint)
             if mu is not None:
                 holds = mu * bears
@@ -286,7 +300,7 @@ def _read(
             else:
                 holds = np.full(bears.shape, np.nan)
             if surface.contact:
-                is_open = contact_states(normal, np.linalg.norm(shear, axis=-1), None)[0].astype(float)
+                is_open = contact_states(normal, size, None)[0].astype(float)
             else:
                 is_open = np.full(bears.shape, np.nan)
             for bolt in bolts:
@@ -296,10 +310,16 @@ def _read(
                 clamping = -normal @ weights
                 total = np.linalg.norm(np.einsum("ntpd,p->ntd", shear, weights), axis=-1)
                 total[total <= NOTHING * np.abs(clamping).max()] = 0.0  # rounding
+                whole = holds @ weights
+                sticks = (weights > 0.0) & (size < (1.0 - AT_LIMIT) * holds)
+                slides = (whole > 0.0) & (sticks.sum(axis=-1) < 2)
+                if mu is not None or limits is None:  # its law has no friction: its shear knows no limit
+                    slides = np.zeros_like(slides)
                 yield bolt.name, joint, _Joint(
                     clamping,
                     total,
-                    holds @ weights,
+                    whole,
+                    slides.astype(float),
                     is_open @ weights / weights.sum(),
                 )
 

@@ -33,6 +33,7 @@ def joint(
     friction: float | None = None,
     history: bool = True,
     name: str = "bolt",
+    moment: float = 0.0,
 ) -> lf.Problem:
     """Two bars with a contact layer, clamped by a bolt that is a beam between their far ends."""
     scene = lf.Scene()
@@ -40,7 +41,8 @@ def joint(
         box = lf.geometry.box((20.0, 20.0, L), (2, 2, 1), (0.0, 0.0, L * level), cell="hexahedron")
         scene.substructure(part, box, lf.LinearElastic(E=E, nu=0.0), degree=1)
         held = ["x0", "y0"] if friction is None else ["y0"]
-        scene.symmetry([f"{part}:{face}" for face in held])
+        if not moment:
+            scene.symmetry([f"{part}:{face}" for face in held])
     law = lf.Contact(stiffness=LAYER) if friction is None else lf.Contact(stiffness=LAYER, friction=friction)
     scene.interface("joint", "base:z1", "cover:z0", law)
     # bending of the bolt would take a share of the shear
@@ -49,6 +51,9 @@ def joint(
     scene.beam(name, "base:z0", "cover:z1", stiffness, bolt)
     scene.fix("base:z0")
     scene.force("cover:z1", (shear * ON, 0.0, load * ON) if history else (shear, 0.0, load), name="load")
+    if moment:
+        scene.springs("cover:z1", rz=3e6)
+        scene.force("cover:z1", moment=(0.0, 0.0, moment * ON), name="turn")
     return lf.assemble(scene)
 
 
@@ -101,6 +106,20 @@ def test_slip() -> None:
     # another coefficient than that of the law
     other = lf.report(result, pictures=False, friction={"joint": 0.1})
     assert other.value("bolt", "S_G") == pytest.approx(0.5 * MU * PRELOAD / SHEAR, rel=1e-6)
+
+
+@pytest.mark.parametrize(("of_limit", "slips"), [(0.5, False), (2.0, True)])
+def test_a_joint_that_turns_slips_though_its_forces_cancel(of_limit: float, slips: bool) -> None:
+    """A square of side a under uniform pressure p turns where M = mu p int r dA = 0.3826 mu p a^3."""
+    limit = 0.3826 * MU * PRELOAD / A * 20.0**3
+    problem = joint(load=0.0, friction=MU, moment=of_limit * limit)
+    result = lf.solve(problem, times=TIMES, options=lf.Options(rtol=1e-6))
+    sheet = lf.report(result, pictures=False, errors=False)
+    assert sheet.value("bolt", "F_Q") < 0.01 * MU * PRELOAD
+    used = result.table("joint").value("slip_use", "joint")  # the vertex in the middle sticks: a quarter of it
+    assert used == pytest.approx(0.75, rel=1e-6) if slips else used < 0.6
+    assert sheet.value("bolt", "margin") == (0.0 if slips else pytest.approx(1.0, abs=0.01))
+    assert (sheet.value("bolt", "S_G") == 1.0) == slips
 
 
 def test_bolts_of_the_lap_joint_clamp_its_plates() -> None:
