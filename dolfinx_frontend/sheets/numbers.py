@@ -253,8 +253,11 @@ def _margins(joint: _Joint, last: int | None) -> dict[str, Array]:
 
 
 def _slides(joint: _Joint, last: int | None) -> Flags:
-    """Whether all points are at their limit (N, steps since all is tightened): forces of a joint that turns cancel
-    as vectors. What tightening alone brings to its limit, by widening, is no slip."""
+    """Whether all points are at their limit (N, steps since all is tightened).
+
+    Forces of a joint that turns cancel as vectors. What tightening alone brings to its limit, by widening, is
+    no slip.
+    """
     slides = joint.slides > 0.0
     return slides if last is None else slides[:, last:] & ~slides[:, last, None]
 

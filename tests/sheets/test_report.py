@@ -116,7 +116,7 @@ def test_a_joint_that_turns_slips_though_its_forces_cancel(of_limit: float, slip
     result = lf.solve(problem, times=TIMES, options=lf.Options(rtol=1e-6))
     sheet = lf.report(result, pictures=False, errors=False)
     assert sheet.value("bolt", "F_Q") < 0.01 * MU * PRELOAD
-    used = result.table("joint").value("slip_use", "joint")  # the vertex in the middle sticks: a quarter of it
+    used = result.table("joint").value("slip_use", "joint")  # its middle sticks: a quarter of it
     assert used == pytest.approx(0.75, rel=1e-6) if slips else used < 0.6
     assert sheet.value("bolt", "margin") == (0.0 if slips else pytest.approx(1.0, abs=0.01))
     assert (sheet.value("bolt", "S_G") == 1.0) == slips
