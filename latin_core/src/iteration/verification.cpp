@@ -34,6 +34,9 @@ constexpr double well_fallen = 0.1;
 constexpr double negligible = 0.05;
 /// A last step that leads into another branch may be this many times too short.
 constexpr double of_other_branch = 4.0;
+/// Steps of linear laws with springs for rigid connections may be this many times too short, however fast they shorten:
+/// what is soft for the springs is a small share of each.
+constexpr double of_springs = 2.0;
 /// What a step of linear laws with springs for rigid connections may leave of an error.
 constexpr double of_step_left = 0.3;
 /// Steps with the tangents of another parameter set before those here are taken.
@@ -344,10 +347,10 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       // short steps from one branch to another and back may be all that is seen of a soft part
       const bool crosses = settled && little && !in_branch;
       if (in_branch || (crosses && imbalance_of_better() <= bearable_imbalance * rtol)) {
-        if (!in_branch) {
-          rest *= of_other_branch;
-          ahead *= of_other_branch;
-        }
+        const bool springs = stages_.laws().linear_everywhere() && linear_->softened();
+        const double longer = in_branch ? (springs ? of_springs : 1.0) : of_other_branch;
+        rest *= longer;
+        ahead *= longer;
         distance_ = whole.relative_with_noise(gauge_.of_distance(better_, state));
         // a little more than the tolerance may be as well a little less: it is a bound
         Matrix least_error = linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)
