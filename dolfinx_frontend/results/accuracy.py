@@ -207,6 +207,8 @@ def ended(status: str, error: float, place: str, rtol: float, iterations: int | 
         return f"converged, estimated error {shown_error(error)}" + (f" ({place})" if place else "")
     where = f" in {place}" if place else ""
     advice = remedy(status, error)
+    if status == INEXACT and error <= rtol:
+        advice = "each sample is right; rounding hides a part of what they differ by"
     after = "" if iterations is None else f" after {iterations} iterations"
     text = f"{status}{after}: estimated error {shown_error(error)}{where}, asked {rtol:.1e}"
     return f"{text}; {advice}" if advice else text
