@@ -59,7 +59,7 @@ from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_c
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["solve_to_accuracy", "tight_enough"]
+__all__ = ["solve_to_accuracy", "tight_enough", "with_errors"]
 
 _log = logging.getLogger(__name__)
 
@@ -188,7 +188,7 @@ def tight_enough(
             made = _settled(result, quantity)
     except Interrupted:
         notes += (INTERRUPTED,)
-    return _with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
+    return with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
 
 
 def _visible(
@@ -226,7 +226,7 @@ def _settled(result: Result, quantity: Wanted | None) -> Errors:
 Answered = TypeVar("Answered", Result, ChaosResult, SampleResult)
 
 
-def _with_errors(
+def with_errors(
     result: Answered,
     made: Errors,
     accuracy: float,
@@ -439,7 +439,7 @@ class _Search:
 
     def _of_points(self, samples: SampleResult, made: Errors) -> SampleResult:
         made = replace(made, field=self.of_fields)
-        return _with_errors(samples, made, self.accuracy, self.of_meshes, self.notes)
+        return with_errors(samples, made, self.accuracy, self.of_meshes, self.notes)
 
     def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
         """Solved points instead of a chaos: rules that agree with witnesses, pieces of a single germ, or
@@ -457,7 +457,7 @@ class _Search:
 
     def _found(self, made: Errors) -> ChaosResult:
         halving = partial(next_halving, self.result)
-        return _with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes, halving)
+        return with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes, halving)
 
     def _carry_on(self, chaos: Chaos, rtol: float) -> None:
         self.result = carry_on(self.result, chaos, rtol)

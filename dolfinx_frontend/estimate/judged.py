@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from math import isfinite
@@ -21,6 +21,7 @@ from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.errors import beside_what_acts, complete, errors
+from dolfinx_frontend.estimate.levels import CoarsePoints, FinePoints, coarse_points, fine_points
 from dolfinx_frontend.estimate.mesh_error import (
     DeviationError,
     DiscretisationError,
@@ -28,7 +29,7 @@ from dolfinx_frontend.estimate.mesh_error import (
     discretisation_error,
 )
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
-from dolfinx_frontend.estimate.zones import contact_edges, places_of
+from dolfinx_frontend.estimate.zones import RESOLVED, SEEN, contact_edges, places_of
 from dolfinx_frontend.plan.plan import Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -66,6 +67,9 @@ OF_DEVIATION = 1.5
 
 ACTS = 2.0
 """How much more must be of the quantity with loads one deviation off their means to look at it there."""
+
+LESS = 0.8
+"""Share of what the meshes leave of the accuracy that is asked of points."""
 
 LOST_STEPS, LOST_IN = 3, 0.01
 """Meshes after which a value is given up that is below this share of its largest, and below its error."""
@@ -161,6 +165,9 @@ class Judged:
         self.first: Problem | None = None
         self.of_first: ChaosResult | None = None
         self.chaos: ChaosResult | None = None
+        self.plain = True
+        self.coarse: CoarsePoints | None = None
+        self.fine: FinePoints | None = None
         self.norms: list[float] = []
         self.largest = 0.0
         self.given_up = False
@@ -213,7 +220,7 @@ class Judged:
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
-        self.edges, unresolved = contact_edges(result)
+        self.edges, across = contact_edges(result)
         seen = self._change(value)
         said, how = estimate, "recovered stresses"
         if self.quantity is not None and not of_quantity:
@@ -242,7 +249,9 @@ class Judged:
             for each in problem.interfaces.values()
         )
         alone = enough * sure <= self.target and not (self.edges or means or self._of_chords())
-        self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
+        # a zone of few points is believed where the change since a coarser one fits amply
+        seen_well = across >= RESOLVED or (len(self.steps) > 1 and across >= SEEN and 2.0 * said <= self.target)
+        self.confirmed = (len(self.steps) > 1 or alone) and seen_well
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
         _log.info("%s", line)
@@ -260,10 +269,23 @@ class Judged:
         """The answer at the means of what is random, or where loads act."""
         if self.acting:
             problem = problem.with_laws(values=dict(self.acting))
-        plan = make_plan(problem, method, vary=(), options=options, **settings)
-        result = solve_once(problem, plan, estimator=errors, before=before, progress=self.shown)
+        vary: Sequence[str] = ()
+        if self.random and any(not each.law.linear for each in problem.interfaces.values()):
+            vary = RandomLaws.of(problem).interfaces  # the points of what is random have the same factors
+        others = []
+        plan = make_plan(problem, method, vary=vary, options=self._later(options, before), **settings)
+        if plan.options.newton != options.newton:
+            others = [make_plan(problem, method, vary=vary, options=options, **settings)]
+        result = solve_once(
+            problem, plan, estimator=errors, before=before, progress=self.shown, others=others
+        )
         complete(result)
         return result
+
+    def _later(self, options: Options, before: Result | None) -> Options:
+        """Without Newton's steps from the second mesh on, unless they were asked for: one is worth many iterations
+        by then, and these start near their end."""
+        return options if before is None or not self.plain else options.with_(newton=0)
 
     def _acts_far_from_the_means(
         self, result: Result, method: Method, options: Options, settings: Mapping[str, Any]
@@ -467,6 +489,8 @@ class Judged:
                 assert self.first is not None
                 self.of_first = self._first_chaos(self.first, method, options, settings)
             assert self.problem is not None
+            if self._by_points(method, options, settings):
+                return self.said <= self.target
             old, self.chaos = self.chaos, self._chaos_on(self.problem, method, options, settings)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)
@@ -485,10 +509,47 @@ class Judged:
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target
 
+    def _by_points(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
+        """Whether points tell of the deviation, where a law is not linear: many of them on the first mesh, few
+        on the present one, which are the answer if they fit."""
+        assert self.of_first is not None and self.problem is not None and self.result is not None
+        assert isinstance(self.quantity, Resultant) and self.share is not None
+        if not self.of_first.collocations or self.given_up:
+            return False
+        left = LESS * min(max(self.accuracy - self.said, 0.1 * self.said), 0.5)
+        settings = {**settings, "active": self._kept(self.problem, settings)}
+        if self.coarse is None:
+            self.coarse = coarse_points(self.of_first, left, self.quantity, method, settings)
+        if self.coarse is None:
+            return False
+        self.fine = fine_points(
+            self.coarse,
+            self.problem,
+            self.result.solver,
+            left,
+            self.quantity,
+            method,
+            self._later(options, self.result),
+            settings,
+        )
+        if self.fine is None:
+            return False
+        before = self.coarse.samples.mean_std(self.quantity).std or 0.0
+        std = self.fine.samples.mean_std(self.quantity).std or 0.0
+        left_of_std = max(self._carried_on(before, std, 0), self.said * std)
+        self.share = replace(self.share, std=left_of_std)
+        self.said = max(self.said, share_of(left_of_std, max(std, self._least(1e-9))))
+        self.steps[-1] = self.steps[-1]._replace(error=self.said)
+        return True
+
     def _left_of_std(self, old: ChaosResult, mesh: int) -> float:
         """What the change of the deviation since an earlier mesh, by its number, says of what is left."""
         assert self.chaos is not None and isinstance(self.quantity, Resultant)
         before, after = (each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos))
+        return self._carried_on(before, after, mesh)
+
+    def _carried_on(self, before: float, after: float, mesh: int) -> float:
+        """What the change of a deviation since an earlier mesh, by its number, says of what is left."""
         least = self._fastest() ** (len(self.steps) - 1 - mesh)
         fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, SLOWEST))
         return MARGIN * abs(after - before) * fall / (1.0 - fall)
@@ -514,10 +575,7 @@ class Judged:
         self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
     ) -> ChaosResult:
         """The chaos of order 1 on some meshes."""
-        assert isinstance(self.quantity, Resultant)
-        active = settings.get("active")
-        if active is None and self.quantity.interface not in RandomLaws.of(problem).interfaces:
-            active = [self.quantity.interface]
+        active = self._kept(problem, settings)
         chaos = solve_chaos(
             problem,
             Chaos(order=1, check_points=0),
@@ -529,3 +587,11 @@ class Judged:
         )
         complete(chaos)
         return chaos
+
+    def _kept(self, problem: Problem, settings: Mapping[str, Any]) -> Any:
+        """Interfaces that are kept besides what is random."""
+        assert isinstance(self.quantity, Resultant)
+        active = settings.get("active")
+        if active is None and self.quantity.interface not in RandomLaws.of(problem).interfaces:
+            return [self.quantity.interface]
+        return active
