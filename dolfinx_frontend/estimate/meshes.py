@@ -165,9 +165,13 @@ class _Meshes(Judged):
         """The points of the last mesh, if few of them are enough."""
         if self.fine is None or self.fine.samples.problem is not self.problem:
             # a budget has ended the search for meshes
-            if self.before is None or self.given_up or not isinstance(self.quantity, Resultant):
+            problem = self.problem
+            assert problem is not None
+            linear = all(each.law.linear for each in problem.interfaces.values())
+            if linear or self.before is None or self.given_up:
                 return None
-            self._deviation_fits(method, options, settings)
+            others = {name: value for name, value in settings.items() if name != "options"}
+            self._deviation_fits(method, options, others)
         if self.fine is None or self.fine.samples.problem is not self.problem:
             return None
         made = self.fine.made
