@@ -53,6 +53,9 @@ SLOWEST, FASTEST = 0.65, 0.2
 AT_EDGES = 0.6
 """The least of these where a contact zone has an edge, or straight cells round off a face: unseen errors."""
 
+LEAST_AT_EDGES = 0.25
+"""Share of a change that edges of contact zones are taken for at least."""
+
 SURE = 2.0
 """Times the estimate without cancellation that one mesh alone must be better than asked."""
 
@@ -172,6 +175,7 @@ class Judged:
         self.largest = 0.0
         self.given_up = False
         self.estimates: list[float] = []
+        self.by_part: list[dict[str, float]] = []
         self.edges: dict[str, Array] = {}
         self.unseen: dict[str, float] = {}
         self.stays: dict[str, float] = {}
@@ -219,6 +223,7 @@ class Judged:
             estimate, sure = max(estimate, largest), max(sure, share_of(of_loads.bound, of_loads.std))
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
+        self.by_part.append({name: float(each.sum()) for name, each in self.cells.items()})
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         self.edges, across = contact_edges(result)
         seen = self._change(value)
@@ -419,8 +424,21 @@ class Judged:
         return left
 
     def _fastest(self) -> float:
-        """The least factor by which an error is taken to fall: what is unseen need not do as an estimate."""
-        return AT_EDGES if self.edges else FASTEST
+        """The least factor by which an error is taken to fall: what is unseen need not do as an estimate.
+
+        Of a change of meshes only as much is due to the edges of contact zones as parts beside them have become
+        better, of all parts.
+        """
+        if not self.edges or len(self.by_part) < 2:
+            return AT_EDGES if self.edges else FASTEST
+        assert self.problem is not None
+        sides = [side for name in self.edges for side in self.problem.interfaces[name].sides[:1]]
+        beside = {side.substructure for side in sides}
+        better = {n: max(self.by_part[-2][n] - each, 0.0) for n, each in self.by_part[-1].items()}
+        share = sum(each for n, each in better.items() if n in beside) / max(sum(better.values()), 1e-300)
+        share = max(share, LEAST_AT_EDGES)
+        left = share * AT_EDGES / (1.0 - AT_EDGES) + (1.0 - share) * FASTEST / (1.0 - FASTEST)
+        return left / (1.0 + left)
 
     def _of_chords(self) -> list[str]:
         """Parts of straight cells that may have another shape."""
@@ -516,7 +534,7 @@ class Judged:
         assert isinstance(self.quantity, Resultant) and self.share is not None
         if not self.of_first.collocations or self.given_up:
             return False
-        left = LESS * min(max(self.accuracy - self.said, 0.1 * self.said), 0.5)
+        left = LESS * min(max(self.accuracy - self.said, 0.3 * self.said), 0.5)
         settings = {**settings, "active": self._kept(self.problem, settings)}
         if self.coarse is None:
             self.coarse = coarse_points(self.of_first, left, self.quantity, method, settings)

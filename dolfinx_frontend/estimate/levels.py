@@ -33,6 +33,7 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.galerkin import carry_on
 from dolfinx_frontend.solvers.sampling import sample_on
+from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
@@ -54,6 +55,9 @@ SAMPLES = (4, 8, 16, 32, 64, 128)
 
 LOOSEST_FINE = 1e-5
 """Loosest tolerance of points that are compared with those of another mesh."""
+
+MOST_DEGREE = 3
+"""Of polynomials that tell what of a change from mesh to mesh is smooth."""
 
 LEAST = 4
 """Points of the fine mesh at least: two of them tell a line."""
@@ -282,12 +286,19 @@ def _compared(
     size, whole = size_of(value, quantity), whole_of(value, known.rtol, quantity)
     if whole is None or len(values) < LEAST or not samples.converged:
         return None
-    # what the meshes change: with the value of the coarse mesh, and besides
+    # what the meshes change: as the value of the coarse mesh does, smoothly, and besides
     root = np.sqrt(np.abs(weights))
-    rows = np.stack([np.ones_like(coarse), coarse - coarse.mean()]) * root
-    line, *_ = np.linalg.lstsq(rows.T, values * root, rcond=None)
-    rest = values - line[0] - line[1] * (coarse - coarse.mean())
-    size_of_rest = float(np.sqrt(np.sum(np.abs(weights) * rest**2) * len(values) / (len(values) - 2)))
+    rows = np.stack([np.ones_like(coarse), coarse - coarse.mean()])
+    line, *_ = np.linalg.lstsq((rows * root).T, values * root, rcond=None)
+    rest, count = values - line @ rows, len(rows)
+    for degree in range(1, MOST_DEGREE + 1):
+        psi = samples.space.basis(Chaos(order=degree)).evaluate(samples.germs)
+        if 2 * (psi.shape[1] + 1) > len(values):
+            break
+        both = np.column_stack([psi, coarse])
+        smooth, *_ = np.linalg.lstsq(both * root[:, None], values * root, rcond=None)
+        rest, count = values - both @ smooth, both.shape[1]
+    size_of_rest = float(np.sqrt(np.sum(np.abs(weights) * rest**2) * len(values) / (len(values) - count)))
     doubt = SURE * size_of_rest * float(np.sqrt(np.sum(weights**2)))
     # the most important points and those that stand out, from nothing and tighter
     important = int(np.argmax(np.abs(weights) * (values - value.mean) ** 2))
