@@ -80,6 +80,9 @@ STEPS = 6
 EIGENVECTORS = 3e-9
 """Seconds that the eigenvectors of a matrix of n rows take, over n^3."""
 
+RESOLVED = 0.3
+"""Tolerance of a chaos whose deviation is small, relative to one that would make noise of it."""
+
 TIGHT = 3e-3
 """Tolerance of single points, relative to the accuracy of the deviation: a force may be a small part of the
 energy, and the last digits take Newton's method one iteration."""
@@ -335,11 +338,17 @@ class _Search:
         for _ in range(4):
             value = self.result.mean_std(quantity)
             rtol = _reached(self.result)
-            if value.std is None or value.std > NOISE * rtol * abs(value.mean) or rtol <= 1e-11:
+            if value.std is None:
+                return
+            if value.std > NOISE * rtol * abs(value.mean) or rtol <= 1e-11:
+                if value.mean and value.std > NOISE * FINEST * abs(value.mean):
+                    # larger chaoses must not make noise of it
+                    least = RESOLVED * value.std / (NOISE * abs(value.mean))
+                    self.rtol = max(min(self.rtol, least), FINEST)
                 return
             if not isinstance(quantity, Resultant) or not value.std:
                 return
-            wanted = max(min(0.3 * value.std / (NOISE * abs(value.mean)), 0.01 * self.rtol), FINEST)
+            wanted = max(min(RESOLVED * value.std / (NOISE * abs(value.mean)), 0.01 * self.rtol), FINEST)
             self.rtol = wanted
             self._carry_on(self.result.chaos, wanted)
 
