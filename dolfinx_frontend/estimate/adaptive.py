@@ -59,7 +59,7 @@ from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_c
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["solve_to_accuracy", "tight_enough"]
+__all__ = ["solve_to_accuracy", "tight_enough", "with_errors"]
 
 _log = logging.getLogger(__name__)
 
@@ -79,6 +79,9 @@ STEPS = 6
 
 EIGENVECTORS = 3e-9
 """Seconds that the eigenvectors of a matrix of n rows take, over n^3."""
+
+RESOLVED = 0.3
+"""Tolerance of a chaos whose deviation is small, relative to one that would make noise of it."""
 
 TIGHT = 3e-3
 """Tolerance of single points, relative to the accuracy of the deviation: a force may be a small part of the
@@ -188,7 +191,7 @@ def tight_enough(
             made = _settled(result, quantity)
     except Interrupted:
         notes += (INTERRUPTED,)
-    return _with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
+    return with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
 
 
 def _visible(
@@ -226,7 +229,7 @@ def _settled(result: Result, quantity: Wanted | None) -> Errors:
 Answered = TypeVar("Answered", Result, ChaosResult, SampleResult)
 
 
-def _with_errors(
+def with_errors(
     result: Answered,
     made: Errors,
     accuracy: float,
@@ -335,11 +338,17 @@ class _Search:
         for _ in range(4):
             value = self.result.mean_std(quantity)
             rtol = _reached(self.result)
-            if value.std is None or value.std > NOISE * rtol * abs(value.mean) or rtol <= 1e-11:
+            if value.std is None:
+                return
+            if value.std > NOISE * rtol * abs(value.mean) or rtol <= 1e-11:
+                if value.mean and value.std > NOISE * FINEST * abs(value.mean):
+                    # larger chaoses must not make noise of it
+                    least = RESOLVED * value.std / (NOISE * abs(value.mean))
+                    self.rtol = max(min(self.rtol, least), FINEST)
                 return
             if not isinstance(quantity, Resultant) or not value.std:
                 return
-            wanted = max(min(0.3 * value.std / (NOISE * abs(value.mean)), 0.01 * self.rtol), FINEST)
+            wanted = max(min(RESOLVED * value.std / (NOISE * abs(value.mean)), 0.01 * self.rtol), FINEST)
             self.rtol = wanted
             self._carry_on(self.result.chaos, wanted)
 
@@ -439,7 +448,7 @@ class _Search:
 
     def _of_points(self, samples: SampleResult, made: Errors) -> SampleResult:
         made = replace(made, field=self.of_fields)
-        return _with_errors(samples, made, self.accuracy, self.of_meshes, self.notes)
+        return with_errors(samples, made, self.accuracy, self.of_meshes, self.notes)
 
     def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
         """Solved points instead of a chaos: rules that agree with witnesses, pieces of a single germ, or
@@ -457,7 +466,7 @@ class _Search:
 
     def _found(self, made: Errors) -> ChaosResult:
         halving = partial(next_halving, self.result)
-        return _with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes, halving)
+        return with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes, halving)
 
     def _carry_on(self, chaos: Chaos, rtol: float) -> None:
         self.result = carry_on(self.result, chaos, rtol)

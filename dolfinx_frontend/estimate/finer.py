@@ -108,7 +108,8 @@ def finer(
     sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
     left, alone = 0.0, []
-    for name in sorted(sums, key=lambda n: sums[n]):
+    # those first whose finer meshes would cost most for what they bring
+    for name in sorted(sums, key=lambda n: sums[n] / problem.substructures[n].size):
         if left + sums[name] > LEFT_ALONE * fall * total:
             break
         left += sums[name]
@@ -127,8 +128,10 @@ def finer(
         if any(side.substructure in touched for side in problem.interfaces[name].sides)
     }
     for name, places in (beside_touched | dict(edges)).items():
-        for side in problem.interfaces[name].sides:
-            at_edges.add(side.substructure)
+        for number, side in enumerate(problem.interfaces[name].sides):
+            # smaller cells of the side that has the points show what the edge does; the other one may be raised
+            if number == 0 or name not in edges or problem.dim == 2:
+                at_edges.add(side.substructure)
             each = ratios.setdefault(side.substructure, np.ones(len(cells[side.substructure])))
             beside, at = _face_cells(problem, side.substructure, side.face)
             size = cell_sizes(scene.substructures[side.substructure].part.mesh)[beside]

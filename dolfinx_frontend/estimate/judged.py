@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from math import isfinite
@@ -21,6 +21,7 @@ from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.errors import beside_what_acts, complete, errors
+from dolfinx_frontend.estimate.levels import CoarsePoints, FinePoints, coarse_points, fine_points
 from dolfinx_frontend.estimate.mesh_error import (
     DeviationError,
     DiscretisationError,
@@ -28,7 +29,7 @@ from dolfinx_frontend.estimate.mesh_error import (
     discretisation_error,
 )
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
-from dolfinx_frontend.estimate.zones import contact_edges, places_of
+from dolfinx_frontend.estimate.zones import RESOLVED, SEEN, contact_edges, places_of
 from dolfinx_frontend.plan.plan import Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -52,6 +53,9 @@ SLOWEST, FASTEST = 0.65, 0.2
 AT_EDGES = 0.6
 """The least of these where a contact zone has an edge, or straight cells round off a face: unseen errors."""
 
+LEAST_AT_EDGES = 0.25
+"""Share of a change that edges of contact zones are taken for at least."""
+
 SURE = 2.0
 """Times the estimate without cancellation that one mesh alone must be better than asked."""
 
@@ -66,6 +70,9 @@ OF_DEVIATION = 1.5
 
 ACTS = 2.0
 """How much more must be of the quantity with loads one deviation off their means to look at it there."""
+
+LESS = 0.8
+"""Share of what the meshes leave of the accuracy that is asked of points."""
 
 LOST_STEPS, LOST_IN = 3, 0.01
 """Meshes after which a value is given up that is below this share of its largest, and below its error."""
@@ -161,10 +168,14 @@ class Judged:
         self.first: Problem | None = None
         self.of_first: ChaosResult | None = None
         self.chaos: ChaosResult | None = None
+        self.plain = True
+        self.coarse: CoarsePoints | None = None
+        self.fine: FinePoints | None = None
         self.norms: list[float] = []
         self.largest = 0.0
         self.given_up = False
         self.estimates: list[float] = []
+        self.by_part: list[dict[str, float]] = []
         self.edges: dict[str, Array] = {}
         self.unseen: dict[str, float] = {}
         self.stays: dict[str, float] = {}
@@ -212,8 +223,9 @@ class Judged:
             estimate, sure = max(estimate, largest), max(sure, share_of(of_loads.bound, of_loads.std))
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
+        self.by_part.append({name: float(each.sum()) for name, each in self.cells.items()})
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
-        self.edges, unresolved = contact_edges(result)
+        self.edges, across = contact_edges(result)
         seen = self._change(value)
         said, how = estimate, "recovered stresses"
         if self.quantity is not None and not of_quantity:
@@ -242,7 +254,9 @@ class Judged:
             for each in problem.interfaces.values()
         )
         alone = enough * sure <= self.target and not (self.edges or means or self._of_chords())
-        self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
+        # a zone of few points is believed where the change since a coarser one fits amply
+        seen_well = across >= RESOLVED or (len(self.steps) > 1 and across >= SEEN and 2.0 * said <= self.target)
+        self.confirmed = (len(self.steps) > 1 or alone) and seen_well
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
         _log.info("%s", line)
@@ -260,10 +274,23 @@ class Judged:
         """The answer at the means of what is random, or where loads act."""
         if self.acting:
             problem = problem.with_laws(values=dict(self.acting))
-        plan = make_plan(problem, method, vary=(), options=options, **settings)
-        result = solve_once(problem, plan, estimator=errors, before=before, progress=self.shown)
+        vary: Sequence[str] = ()
+        if self.random and any(not each.law.linear for each in problem.interfaces.values()):
+            vary = RandomLaws.of(problem).interfaces  # the points of what is random have the same factors
+        others = []
+        plan = make_plan(problem, method, vary=vary, options=self._later(options, before), **settings)
+        if plan.options.newton != options.newton:
+            others = [make_plan(problem, method, vary=vary, options=options, **settings)]
+        result = solve_once(
+            problem, plan, estimator=errors, before=before, progress=self.shown, others=others
+        )
         complete(result)
         return result
+
+    def _later(self, options: Options, before: Result | None) -> Options:
+        """Without Newton's steps from the second mesh on, unless they were asked for: one is worth many iterations
+        by then, and these start near their end."""
+        return options if before is None or not self.plain else options.with_(newton=0)
 
     def _acts_far_from_the_means(
         self, result: Result, method: Method, options: Options, settings: Mapping[str, Any]
@@ -397,8 +424,21 @@ class Judged:
         return left
 
     def _fastest(self) -> float:
-        """The least factor by which an error is taken to fall: what is unseen need not do as an estimate."""
-        return AT_EDGES if self.edges else FASTEST
+        """The least factor by which an error is taken to fall: what is unseen need not do as an estimate.
+
+        Of a change of meshes only as much is due to the edges of contact zones as parts beside them have become
+        better, of all parts.
+        """
+        if not self.edges or len(self.by_part) < 2:
+            return AT_EDGES if self.edges else FASTEST
+        assert self.problem is not None
+        sides = [side for name in self.edges for side in self.problem.interfaces[name].sides[:1]]
+        beside = {side.substructure for side in sides}
+        better = {n: max(self.by_part[-2][n] - each, 0.0) for n, each in self.by_part[-1].items()}
+        share = sum(each for n, each in better.items() if n in beside) / max(sum(better.values()), 1e-300)
+        share = max(share, LEAST_AT_EDGES)
+        left = share * AT_EDGES / (1.0 - AT_EDGES) + (1.0 - share) * FASTEST / (1.0 - FASTEST)
+        return left / (1.0 + left)
 
     def _of_chords(self) -> list[str]:
         """Parts of straight cells that may have another shape."""
@@ -467,6 +507,8 @@ class Judged:
                 assert self.first is not None
                 self.of_first = self._first_chaos(self.first, method, options, settings)
             assert self.problem is not None
+            if self._by_points(method, options, settings):
+                return self.said <= self.target
             old, self.chaos = self.chaos, self._chaos_on(self.problem, method, options, settings)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)
@@ -485,10 +527,47 @@ class Judged:
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target
 
+    def _by_points(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
+        """Whether points tell of the deviation, where a law is not linear: many of them on the first mesh, few
+        on the present one, which are the answer if they fit."""
+        assert self.of_first is not None and self.problem is not None and self.result is not None
+        assert isinstance(self.quantity, Resultant) and self.share is not None
+        if not self.of_first.collocations or self.given_up:
+            return False
+        left = LESS * min(max(self.accuracy - self.said, 0.3 * self.said), 0.5)
+        settings = {**settings, "active": self._kept(self.problem, settings)}
+        if self.coarse is None:
+            self.coarse = coarse_points(self.of_first, left, self.quantity, method, settings)
+        if self.coarse is None:
+            return False
+        self.fine = fine_points(
+            self.coarse,
+            self.problem,
+            self.result.solver,
+            left,
+            self.quantity,
+            method,
+            self._later(options, self.result),
+            settings,
+        )
+        if self.fine is None:
+            return False
+        before = self.coarse.samples.mean_std(self.quantity).std or 0.0
+        std = self.fine.samples.mean_std(self.quantity).std or 0.0
+        left_of_std = max(self._carried_on(before, std, 0), self.said * std)
+        self.share = replace(self.share, std=left_of_std)
+        self.said = max(self.said, share_of(left_of_std, max(std, self._least(1e-9))))
+        self.steps[-1] = self.steps[-1]._replace(error=self.said)
+        return True
+
     def _left_of_std(self, old: ChaosResult, mesh: int) -> float:
         """What the change of the deviation since an earlier mesh, by its number, says of what is left."""
         assert self.chaos is not None and isinstance(self.quantity, Resultant)
         before, after = (each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos))
+        return self._carried_on(before, after, mesh)
+
+    def _carried_on(self, before: float, after: float, mesh: int) -> float:
+        """What the change of a deviation since an earlier mesh, by its number, says of what is left."""
         least = self._fastest() ** (len(self.steps) - 1 - mesh)
         fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, SLOWEST))
         return MARGIN * abs(after - before) * fall / (1.0 - fall)
@@ -514,10 +593,7 @@ class Judged:
         self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
     ) -> ChaosResult:
         """The chaos of order 1 on some meshes."""
-        assert isinstance(self.quantity, Resultant)
-        active = settings.get("active")
-        if active is None and self.quantity.interface not in RandomLaws.of(problem).interfaces:
-            active = [self.quantity.interface]
+        active = self._kept(problem, settings)
         chaos = solve_chaos(
             problem,
             Chaos(order=1, check_points=0),
@@ -529,3 +605,11 @@ class Judged:
         )
         complete(chaos)
         return chaos
+
+    def _kept(self, problem: Problem, settings: Mapping[str, Any]) -> Any:
+        """Interfaces that are kept besides what is random."""
+        assert isinstance(self.quantity, Resultant)
+        active = settings.get("active")
+        if active is None and self.quantity.interface not in RandomLaws.of(problem).interfaces:
+            return [self.quantity.interface]
+        return active

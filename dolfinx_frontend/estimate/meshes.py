@@ -27,7 +27,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough
+from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough, with_errors
 from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with, not_known
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import Judged
@@ -126,12 +126,12 @@ class _Meshes(Judged):
     def answer(self, method: Method, **settings: Any) -> Result | SampleResult:
         """The answer on meshes that fit; after Ctrl-C the last one that there is."""
         try:
-            self._adapt(method, **settings)
+            options = self._adapt(method, **settings)
             assert self.result is not None
             problem = self.problem
             assert problem is not None
             if RandomLaws.of(problem).every:
-                found = self._on_two_meshes(method, settings) or solve_to_accuracy(
+                found = self._of_points(method, options, settings) or self._on_two_meshes(method, settings) or solve_to_accuracy(
                     problem,
                     self.accuracy,
                     self.quantity,
@@ -159,6 +159,24 @@ class _Meshes(Judged):
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
         return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
 
+    def _of_points(
+        self, method: Method, options: Options, settings: Mapping[str, Any]
+    ) -> SampleResult | None:
+        """The points of the last mesh, if few of them are enough."""
+        if self.fine is None or self.fine.samples.problem is not self.problem:
+            # a budget has ended the search for meshes
+            problem = self.problem
+            assert problem is not None
+            linear = all(each.law.linear for each in problem.interfaces.values())
+            if linear or self.before is None or self.given_up:
+                return None
+            others = {name: value for name, value in settings.items() if name != "options"}
+            self._deviation_fits(method, options, others)
+        if self.fine is None or self.fine.samples.problem is not self.problem:
+            return None
+        made = self.fine.made
+        return with_errors(self.fine.samples, made, self.accuracy, self._of_random(), made.notes)
+
     def _on_two_meshes(self, method: Method, settings: Mapping[str, Any]) -> ChaosResult | None:
         """The chaos that the first mesh finds, on the last one."""
         known, last, first = self._of_random(), self.chaos, self.of_first
@@ -179,8 +197,8 @@ class _Meshes(Judged):
             where = "where random loads are one deviation off their means"
         return replace(share, how=f"{share.how}, {where}")
 
-    def _adapt(self, method: Method, **settings: Any) -> None:
-        """Solve on finer and finer meshes."""
+    def _adapt(self, method: Method, **settings: Any) -> Options:
+        """Solve on finer and finer meshes; returns the options of the way."""
         for name, spec in self.scene.substructures.items():
             self.scene.substructures[name] = spec.made()
         problem = assemble(self.scene)
@@ -199,6 +217,7 @@ class _Meshes(Judged):
         self.first = problem
         curved = any(not each.law.linear for each in problem.interfaces.values())
         self.target = (OF_MESHES_RANDOM if self.random and curved else OF_MESHES) * self.accuracy
+        self.plain = settings["options"] is None
         options = settings.pop("options") or (Options.plain() if method == "latin" else Options())
         options = options.with_(rtol=max(OF_ITERATION * self.accuracy, FINEST))
         changed: dict[str, str] = {}
@@ -207,14 +226,14 @@ class _Meshes(Judged):
             if self._fits() and (
                 not self.random or self.given_up or self._deviation_fits(method, options, settings)
             ):
-                return
+                return options
             following = self._finer(problem)
             if following is None:
-                return
+                return options
             scene, changed = following
             together = self._assembled(scene, changed, problem)
             if together is None:
-                return
+                return options
             self.before, (self.scene, problem) = problem, together
 
     def _assembled(

@@ -258,14 +258,17 @@ def witnesses(
 
 
 def _tails(space: RandomSpace) -> tuple[Array, Array]:
-    """Points far out along each germ, the others at their median, and what probability they stand for."""
+    """Points far out along each germ, the others drawn, and what probability they stand for."""
     dimension = space.dimension
     if dimension > MOST_LINES:
         return np.zeros((0, dimension)), np.zeros(0)
     scores = np.concatenate([-TAIL[::-1], TAIL])
     half = 0.5 * (TAIL[1] - TAIL[0])
     share = ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half)
-    z = np.zeros((dimension * len(scores), dimension))
+    tiny = 2.0**-54
+    count = 2 ** int(np.ceil(np.log2(dimension * len(scores))))
+    drawn = sobol_points(dimension, count, np.random.default_rng(54321))[: dimension * len(scores)]
+    z = ndtri(np.clip(drawn, tiny, 1.0 - tiny))
     for germ in range(dimension):
         z[germ * len(scores) : (germ + 1) * len(scores), germ] = scores
     return space.from_uniform(ndtr(z)), np.tile(share, dimension)

@@ -17,13 +17,14 @@ from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.scene import Scene
 
-__all__ = ["contact_edges", "places_of", "soft_springs"]
+__all__ = ["RESOLVED", "SEEN", "contact_edges", "places_of", "soft_springs"]
 
 COARSER = 1.5
 """Facets of the side with the points, relative to those of the other side, at most."""
 
-RESOLVED = 6
-"""Closed points of a contact zone with an edge, in each direction, at least."""
+RESOLVED, SEEN = 6.0, 3.0
+"""Closed points of a contact zone with an edge, in each direction, at least: to be believed as any other zone,
+and if what is said of its mesh fits twice."""
 
 COVERED = 0.99
 """Share of a face from which on all of it counts as covered."""
@@ -64,10 +65,10 @@ def _facets(problem: Problem, part: str, face: str) -> Ints:
     return np.asarray(each.facet_tags.find(each.names[face]), dtype=np.int64)
 
 
-def contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
-    """Active interface that may open -> its points (k, d) with closed and open ones around; and whether a
-    contact zone has too few points for its shape to be seen."""
-    out, unresolved = {}, False
+def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
+    """Active interface that may open -> its points (k, d) with closed and open ones around; and how many closed
+    points the zone with the fewest has in each direction, infinite where none has an edge."""
+    out, across = {}, np.inf
     for name in result.plan.active:
         interface = result.problem.interfaces[name]
         if not interface.law.unilateral:
@@ -77,8 +78,9 @@ def contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
         closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
         if not closed.any() or (closed.all() and interface.covered > COVERED):
             continue
-        if np.count_nonzero(closed) < RESOLVED ** (interface.dim - 1):
-            unresolved = True
+        own = float(np.count_nonzero(closed) ** (1.0 / (interface.dim - 1)))
+        across = min(across, own)
+        if own < RESOLVED - 1e-9:
             out[name] = interface.points[closed]
             continue
         count = min(interface.num_points, 3 if interface.dim == 2 else 7)
@@ -86,7 +88,7 @@ def contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
         mixed = closed[around].any(axis=1) & ~closed[around].all(axis=1)
         if mixed.any():
             out[name] = interface.points[mixed]
-    return out, unresolved
+    return out, across
 
 
 def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]:
