@@ -33,6 +33,11 @@ EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
 
 
+def find() -> str | None:
+    """The program, if there is one."""
+    return shutil.which("ccx") or shutil.which("ccx", path=CACHE)
+
+
 def quadratic(body: Solid) -> tuple[Array, Ints]:
     """Nodes (n, 3) with those in the middle of edges, and cells (c, 10) of them."""
     cells = body.cells.copy()
@@ -135,7 +140,7 @@ def main() -> None:
     job.mkdir(exist_ok=True)
     (job / "scene.inp").write_text(text)
     setup = perf_counter() - start
-    program = shutil.which("ccx") or shutil.which("ccx", path=CACHE)
+    program = find()
     if program is None:
         print("ccx is not installed", file=sys.stderr)
         raise SystemExit(MISSING)
