@@ -361,7 +361,7 @@ def _events(grips: Mapping[str, _Grip], motion: Array) -> list[str]:
             out.append(f"{name!r} opens on {share:.0f} % of its area")
         elif slips.any():
             rubs = bool(np.any(grip.friction > 0.0) or np.any(grip.threshold > 0.0))
-            out.append(f"{name!r} slips" + ("" if rubs else " (it has no friction)"))
+            out.append(f"{name!r} slips" + ("" if rubs else " (no friction holds it)"))
     return out
 
 

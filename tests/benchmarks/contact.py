@@ -67,7 +67,7 @@ PRESS, SHEAR = -0.05, 0.06  # mm
 FACTORS = (0.3, 1.0, 3.0, 10.0, 30.0)  # 0.1 to 10 times the default; contacts take a third of it
 REASONS = {
     "getfem": "the Python module getfem is not installed",
-    "calculix": "there is no program ccx on the PATH; its input deck was written",
+    "calculix": "there is no program ccx (peers/get_calculix.sh brings one); its input deck was written",
 }
 
 

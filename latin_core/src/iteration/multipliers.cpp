@@ -33,8 +33,12 @@ constexpr double steep_enough = 0.1;
 constexpr int most_trials = 80;
 constexpr int most_halvings = 10;
 constexpr double after_halvings = 0.3;
+/// A body from which the others need less than this, beside the most, is one that may lie anywhere; springs that keep it
+/// where the round before has left it, relative to the search direction.
+constexpr double idle = 1e-3;
+constexpr double keeping = 1e-6;
 /// Springs that hold what flies, relative to the search direction.
-constexpr std::array<double, 4> holds{Tangent::least_hold, 1e-8, 1e-5, 1e-2};
+constexpr std::array<double, 5> holds{Tangent::least_hold, 1e-8, keeping, 1e-4, 1e-2};
 /// Rounds with bounds held, at first and at most.
 constexpr Index first_wait = 6;
 constexpr Index most_wait = 100;
@@ -54,7 +58,7 @@ bool Multipliers::suits(const substructure::Laws& laws) {
   return laws.structure().communicator().alone() && laws.modes() == 1 && !laws.transformed() &&
          !laws.linear() &&
          (!laws.scales_anywhere() || (laws.modes() == 1 && laws.stiffness_is_one())) &&
-         Tangent::possible(laws.structure());
+         Tangent::bearable(laws.structure());
 }
 
 Multipliers::Multipliers(const substructure::Laws& laws,
@@ -118,6 +122,7 @@ bool Multipliers::solve(State& state, Index most) {
                  ? carried
                  : system_.forces(column_, memory_, free.col(0), system_.direct());
     frozen_.resize(0);
+    keeping_.resize(0);
     moved_before_ = moved_;
     force_before_ = force_;
     const bool found = solve_column();
@@ -151,6 +156,7 @@ bool Multipliers::solve_column() {
     const Vector before = moved_;
     moved_before_ = moved_;
     force_before_ = force_;
+    keep_idle();
     const bool frozen = frozen_rounds > 0;
     if (frozen) {
       const Vector now = free_jump();
@@ -188,6 +194,39 @@ bool Multipliers::solve_column() {
     before_change = now;
   }
   return false;
+}
+
+/// What others need nothing from, as a pin with play, is kept near to where it was: a round would throw it as far as
+/// rounding likes. Where the rounds end it bears no force of these springs.
+void Multipliers::keep_idle() {
+  const substructure::Structure& structure = laws_.structure();
+  const Vector needed = tangent_.stiffness_times(moved_) + pull_;
+  const std::vector<Index>& first = tangent_.first_active();
+  Vector sizes(static_cast<Index>(structure.bodies().size()));
+  for (Index b = 0; b < sizes.size(); ++b) {
+    const auto at = static_cast<std::size_t>(b);
+    sizes(b) = needed(Eigen::seq(first[at], first[at + 1] - 1)).norm();
+  }
+  for (Index b = 0; b < sizes.size(); ++b) {
+    const auto at = static_cast<std::size_t>(b);
+    if (structure.bodies()[at].rows() == 0 || sizes(b) > idle * sizes.maxCoeff()) {
+      continue;
+    }
+    if (keeping_.size() == 0) {
+      keeping_ = Vector::Zero(structure.weights().size());
+    }
+    const auto rows = Eigen::seqN(structure.body_rows()[at], structure.bodies()[at].rows());
+    keeping_(rows) = keeping * structure.weights()(rows).cwiseProduct(structure.directions()(rows));
+  }
+}
+
+/// Forces of the bodies, and of what keeps some of them.
+Vector Multipliers::stiffness_times(const Vector& moved) const {
+  Vector forces = tangent_.stiffness_times(moved);
+  if (keeping_.size() > 0) {
+    forces += tangent_.traces().transpose() * keeping_.cwiseProduct(tangent_.traces() * moved);
+  }
+  return forces;
 }
 
 /// Free jumps whose normal forces are between those of two others.
@@ -265,12 +304,21 @@ Multipliers::Answered Multipliers::ask() const {
 }
 
 Vector Multipliers::residual_of(const Vector& force) const {
-  return tangent_.stiffness_times(moved_) + pull_ +
-         tangent_.jumps().transpose() * areas_.cwiseProduct(force);
+  Vector residual = tangent_.stiffness_times(moved_) + pull_ +
+                    tangent_.jumps().transpose() * areas_.cwiseProduct(force);
+  if (keeping_.size() > 0) {
+    residual += tangent_.traces().transpose() *
+                keeping_.cwiseProduct(tangent_.traces() * (moved_ - moved_before_));
+  }
+  return residual;
 }
 
 bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& step) {
+  const double least = keeping_.size() > 0 ? keeping : holds.front();
   for (const double hold : holds) {
+    if (hold < least) {
+      continue;
+    }
     try {
       --left_;
       tangent_.factorise_stiffness(at.slopes, hold);
@@ -280,7 +328,7 @@ bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& 
     }
     if (step.allFinite() &&
         (!at.symmetric || step.dot(residual) <= rounding * step.norm() * residual.norm())) {
-      held_ = hold > holds.front();
+      held_ = hold > least;
       return true;
     }
   }
@@ -292,7 +340,7 @@ double Multipliers::line_search(const Answered& at, const Vector& residual,
                                 const Vector& step) const {
   const Vector along = tangent_.jumps() * step;
   const Vector jump = free_jump();
-  const double curvature = step.dot(tangent_.stiffness_times(step));
+  const double curvature = step.dot(stiffness_times(step));
   const double start = step.dot(residual);
   const auto slope_at = [&](double length) {
     const Vector change = force_at(jump + length * along) - at.force;
@@ -343,7 +391,7 @@ double Multipliers::step_length(const Answered& at, const Vector& residual, cons
   }
   const Vector along = tangent_.jumps() * step;
   const Vector jump = free_jump();
-  const Vector of_bodies = tangent_.stiffness_times(step);
+  const Vector of_bodies = stiffness_times(step);
   double length = 1.0;
   for (int halving = 0; halving < most_halvings; ++halving) {
     const Vector change = force_at(jump + length * along) - at.force;

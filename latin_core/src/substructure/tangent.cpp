@@ -42,6 +42,9 @@ constexpr Index some_gradients = 8;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies.
 constexpr double negligible = 2e8;
 constexpr double affordable = 0.1;
+/// The same of a search, without which there is no answer: some hundred factorisations of what is condensed.
+constexpr double bearable_alone = 1e10;
+constexpr double bearable_beside = 3.0;
 
 /// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
 /// @param rigid what slopes are reduced by
@@ -79,6 +82,12 @@ bool Tangent::possible(const Structure& structure) {
   const Structure::Work& work = structure.work();
   return structure.total_rows() > 0 &&
          work.condense <= std::max(negligible, affordable * work.factorise);
+}
+
+bool Tangent::bearable(const Structure& structure) {
+  const Structure::Work& work = structure.work();
+  return structure.total_rows() > 0 &&
+         work.condense <= std::max(bearable_alone, bearable_beside * work.factorise);
 }
 
 Tangent::Tangent(const Structure& structure)

@@ -1,4 +1,4 @@
-"""A contact scene in CalculiX: ``python calculix_contact.py SCENE ANSWER [REPEATS]``; needs ``ccx``.
+"""A contact scene in CalculiX: ``python calculix_contact.py SCENE ANSWER [REPEATS]``; needs ``ccx`` (``get_calculix.sh``).
 
 Ten-node tetrahedra (C3D10), surface-to-surface penalty contact with a stiff linear overclosure and, with
 friction, a stick slope ten times lower; small displacements, one increment. The penetration that a penalty
@@ -25,10 +25,17 @@ from exchange import Answer, Array, Ints, Scene, Solid, read_scene
 STIFFER = 300.0
 STICK = 0.1
 MISSING = 3
+# where get_calculix.sh puts it
+CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "latin" / "calculix"
 # corners of the edges whose middles are nodes 5 to 10 of C3D10
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 # corners of the faces S1 to S4
 FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
+
+
+def find() -> str | None:
+    """The program, if there is one."""
+    return shutil.which("ccx") or shutil.which("ccx", path=CACHE)
 
 
 def quadratic(body: Solid) -> tuple[Array, Ints]:
@@ -133,7 +140,7 @@ def main() -> None:
     job.mkdir(exist_ok=True)
     (job / "scene.inp").write_text(text)
     setup = perf_counter() - start
-    program = shutil.which("ccx")
+    program = find()
     if program is None:
         print("ccx is not installed", file=sys.stderr)
         raise SystemExit(MISSING)

@@ -47,32 +47,39 @@ class Scene:
 
     def write(self, path: Path) -> None:
         """Write the scene."""
-        data: dict[str, Any] = {
-            "bodies": list(self.bodies),
+        data = arrays_of(self.bodies) | {
             "contact": list(self.contact),
             "friction": self.friction,
             "given": list(self.given),
             "values": np.array(list(self.given.values())),
         }
-        for name, body in self.bodies.items():
-            data |= {
-                f"{name}_x": body.x,
-                f"{name}_cells": body.cells,
-                f"{name}_material": (body.E, body.nu),
-            }
-            data |= {f"{name}_face_{face}": facets for face, facets in body.faces.items()}
         np.savez(path, **data)
+
+
+def arrays_of(bodies: dict[str, Solid]) -> dict[str, Any]:
+    """Bodies as arrays of a file."""
+    data: dict[str, Any] = {"bodies": list(bodies)}
+    for name, body in bodies.items():
+        data |= {f"{name}_x": body.x, f"{name}_cells": body.cells, f"{name}_material": (body.E, body.nu)}
+        data |= {f"{name}_face_{face}": facets for face, facets in body.faces.items()}
+    return data
+
+
+def bodies_of(data: Any) -> dict[str, Solid]:
+    """The bodies of a file that is open."""
+    bodies = {}
+    for name in data["bodies"].tolist():
+        prefix = f"{name}_face_"
+        faces = {key[len(prefix) :]: data[key] for key in data.files if key.startswith(prefix)}
+        modulus, nu = data[f"{name}_material"].tolist()
+        bodies[name] = Solid(data[f"{name}_x"], data[f"{name}_cells"], modulus, nu, faces)
+    return bodies
 
 
 def read_scene(path: Path) -> Scene:
     """The scene of a file."""
     with np.load(path) as data:
-        bodies = {}
-        for name in data["bodies"].tolist():
-            prefix = f"{name}_face_"
-            faces = {key[len(prefix) :]: data[key] for key in data.files if key.startswith(prefix)}
-            modulus, nu = data[f"{name}_material"].tolist()
-            bodies[name] = Solid(data[f"{name}_x"], data[f"{name}_cells"], modulus, nu, faces)
+        bodies = bodies_of(data)
         first, second = data["contact"].tolist()
         given = dict(zip(data["given"].tolist(), data["values"], strict=True))
         return Scene(bodies, (first, second), float(data["friction"]), given)

@@ -54,6 +54,8 @@ class Multipliers {
   [[nodiscard]] Answered ask() const;
   [[nodiscard]] Vector force_at(const Vector& jump) const;
   [[nodiscard]] Vector residual_of(const Vector& force) const;
+  void keep_idle();
+  [[nodiscard]] Vector stiffness_times(const Vector& moved) const;
   [[nodiscard]] bool step_from(const Answered& at, const Vector& residual, Vector& step);
   [[nodiscard]] double line_search(const Answered& at, const Vector& residual,
                                    const Vector& step) const;
@@ -86,7 +88,9 @@ class Multipliers {
   Vector moved_before_;  ///< the same, before the last round
   Vector force_before_;
   State before_last_;
-  Vector frozen_;      ///< free jumps of which friction takes its bounds; empty: of those at hand
+  Vector frozen_;  ///< free jumps of which friction takes its bounds; empty: of those at hand
+  Vector
+      keeping_;  ///< springs that keep bodies where the round before has left them, (rows); empty: none
   bool held_ = false;  ///< whether more springs than least hold the bodies in a step
   double best_ = 0.0;
   Index since_ = 0;

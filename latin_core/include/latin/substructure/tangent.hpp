@@ -35,6 +35,8 @@ class Tangent {
 
   /// Whether it can be made at a price that fits that of the bodies; the same on all ranks.
   [[nodiscard]] static bool possible(const Structure& structure);
+  /// The same at a price that a run without an answer may pay.
+  [[nodiscard]] static bool bearable(const Structure& structure);
 
   explicit Tangent(const Structure& structure);
   /// Of a structure that is joined already.

@@ -1,0 +1,142 @@
+"""A bolted joint in CalculiX: ``python calculix_lap.py SCENE ANSWER``; needs ``ccx`` (``get_calculix.sh``).
+
+The scene (npz) has the bodies as in ``exchange``, and as json in ``joint``: ``contacts``, ``glued`` and ``cuts`` (pairs
+of faces "body:face"; glued ones and cuts match node for node), ``friction``, ``shortening`` of the cuts along z in the
+first step, ``planes`` (faces held along y), ``held`` (faces held) and ``pulled`` (a face held, and moved by ``pull``
+along x in the second step). What is glued and cut is tied by equations, node by node; the shortening belongs to a
+node of its own in those of the cuts. Elements and contact are those of ``calculix_contact``.
+
+Answer: ``NAME_points``, ``NAME_u`` of every body at the end, ``load`` (reaction of the pulled face along x),
+``seconds`` of the whole run of ccx, ``iterations``. Exit code 3 without ccx.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from calculix_contact import FACES, MISSING, STICK, STIFFER, find, lines, quadratic, read
+from exchange import Array, Ints, Solid, bodies_of
+from scipy.spatial import cKDTree
+
+
+def on_facets(x: Array, cells: Ints, facets: Ints, first: int) -> Ints:
+    """Numbers of all nodes on some facets, those on edges included."""
+    edges = np.vstack([facets[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    middles = 0.5 * (x[edges[:, 0]] + x[edges[:, 1]])
+    apart, near = cKDTree(x).query(middles)
+    assert apart.max() < 1e-9 * np.ptp(x)
+    return np.unique(np.concatenate([facets.ravel(), near])) + first
+
+
+def deck(
+    bodies: dict[str, Solid], joint: dict[str, Any]
+) -> tuple[str, dict[str, Array], dict[str, int]]:
+    """Input deck, nodes by body and number of the first node of each body."""
+    text: list[str] = []
+    nodes: dict[str, Array] = {}
+    first: dict[str, int] = {}
+    members: dict[str, Ints] = {}
+    count = cell_count = 0
+    for name, body in bodies.items():
+        x, cells = quadratic(body)
+        nodes[name], first[name] = x, count + 1
+        text.append(f"*NODE, NSET=N_{name}")
+        text += [f"{count + i}, {p[0]:.12g}, {p[1]:.12g}, {p[2]:.12g}" for i, p in enumerate(x, 1)]
+        text.append(f"*ELEMENT, TYPE=C3D10, ELSET=E_{name}")
+        text += [f"{cell_count + i}, " + lines(count + 1 + c) for i, c in enumerate(cells, 1)]
+        text.append(f"*MATERIAL, NAME=M_{name}\n*ELASTIC\n{body.E:.12g}, {body.nu:.12g}")
+        text.append(f"*SOLID SECTION, ELSET=E_{name}, MATERIAL=M_{name}")
+        for face, facets in body.faces.items():
+            members[f"{name}:{face}"] = on_facets(x, cells, facets, count + 1)
+            wanted = {tuple(row) for row in np.sort(facets, axis=1).tolist()}
+            text.append(f"*SURFACE, NAME=S_{name}_{face}, TYPE=ELEMENT")
+            for number, corners in enumerate(FACES, 1):
+                keys = np.sort(cells[:, list(corners)], axis=1).tolist()
+                found = [i for i, key in enumerate(keys, 1) if tuple(key) in wanted]
+                text += [f"{cell_count + i}, S{number}" for i in found]
+            text.append(f"*NSET, NSET=N_{name}_{face}\n" + lines(members[f"{name}:{face}"]))
+        count, cell_count = count + len(x), cell_count + len(cells)
+    where = {first[name] + i: p for name, x in nodes.items() for i, p in enumerate(x.tolist())}
+    shortened = count + 1
+    text.append(f"*NODE, NSET=N_shortening\n{shortened}, 0., 0., 0.")
+    in_plane = {n for face in joint["planes"] for n in members[face].tolist()}
+    for kind in ("glued", "cuts"):
+        for one, other in joint[kind]:
+            here, there = members[one], members[other]
+            apart, near = cKDTree([where[n] for n in there]).query([where[n] for n in here])
+            assert apart.max() < 1e-9 * np.ptp(nodes[one.partition(":")[0]])
+            for a, b in zip(here.tolist(), there[near].tolist(), strict=True):
+                for axis in (1, 2, 3):
+                    if axis == 2 and a in in_plane:
+                        continue  # both are held
+                    extra = f", {shortened}, 3, -1." if kind == "cuts" and axis == 3 else ""
+                    terms = f"{b}, {axis}, 1., {a}, {axis}, -1.{extra}"
+                    text.append(f"*EQUATION\n{3 if extra else 2}\n{terms}")
+    size = np.inf
+    for pair in joint["contacts"]:
+        part, _, face = pair[0].partition(":")
+        ends = bodies[part].x[bodies[part].faces[face]]
+        size = min(size, float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).min()))
+    stiffness = STIFFER * max(each.E for each in bodies.values()) / size
+    text.append("*SURFACE INTERACTION, NAME=CONTACT\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
+    text.append(f"{stiffness:.6g}\n*FRICTION\n{joint['friction']}, {STICK * stiffness:.6g}")
+    for pair in joint["contacts"]:
+        text.append("*CONTACT PAIR, INTERACTION=CONTACT, TYPE=SURFACE TO SURFACE")
+        text.append(", ".join(f"S_{face.replace(':', '_')}" for face in pair))
+    held = [face.replace(":", "_") for face in joint["held"]]
+    pulled = str(joint["pulled"]).replace(":", "_")
+    text.append("*BOUNDARY")
+    text += [f"N_{face.replace(':', '_')}, 2, 2" for face in joint["planes"]]
+    text += [f"N_{name}, 1, 3" for name in held]
+    for shift in (0.0, joint["pull"]):
+        text.append("*STEP, INC=100\n*STATIC\n1., 1.\n*BOUNDARY")
+        text.append(f"N_shortening, 3, 3, {-float(joint['shortening']):.12g}")
+        text.append(f"N_{pulled}, 1, 1, {shift:.12g}\nN_{pulled}, 2, 3, 0.")
+        if shift:
+            text += [f"*NODE PRINT, NSET=N_{name}\nU" for name in bodies]
+            text.append(f"*NODE PRINT, NSET=N_{pulled}, TOTALS=ONLY\nRF")
+        text.append("*END STEP")
+    return "\n".join(text) + "\n", nodes, first
+
+
+def main() -> None:
+    """Write the deck, run, read."""
+    answer = Path(sys.argv[2])
+    with np.load(sys.argv[1]) as data:
+        bodies, joint = bodies_of(data), json.loads(str(data["joint"]))
+    text, nodes, first = deck(bodies, joint)
+    job = answer.with_suffix(".ccx")
+    job.mkdir(exist_ok=True)
+    (job / "scene.inp").write_text(text)
+    program = find()
+    if program is None:
+        raise SystemExit(MISSING)
+    start = perf_counter()
+    done = subprocess.run(
+        [program, "-i", "scene"],
+        cwd=job,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"CCX_NPROC_STIFFNESS": os.environ.get("OMP_NUM_THREADS", "1")},
+    )
+    seconds = perf_counter() - start
+    if done.returncode or "Job finished" not in done.stdout:
+        raise SystemExit(f"ccx failed: {done.stdout[-2000:]}")
+    u, totals = read(job / "scene.dat", sum(len(x) for x in nodes.values()))
+    load = totals["N_" + str(joint["pulled"]).replace(":", "_").upper()][0]
+    out = {"load": load, "seconds": seconds, "iterations": done.stdout.count("iteration ")}
+    for name, x in nodes.items():
+        out |= {f"{name}_points": x, f"{name}_u": u[first[name] - 1 :][: len(x)]}
+    np.savez(answer, **out)
+
+
+if __name__ == "__main__":
+    main()
