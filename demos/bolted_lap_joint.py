@@ -43,6 +43,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import matplotlib
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -352,10 +353,11 @@ def contact_figure(joint: LapJoint, loop: Loop, path: Path) -> Path:
     )
     for axes, (values, label, colours, top) in zip(grid, rows, strict=True):
         for axis, now in zip(axes, values, strict=True):
-            shown = PolyCollection(triangles, array=np.tile(now, 2), cmap=colours, clim=(0.0, top))
+            # grey is a plate that touches nothing, white is no plate: the holes
+            coloured = matplotlib.colormaps[colours].with_extremes(bad="#c8c8c8")
+            shown = PolyCollection(triangles, array=np.tile(now, 2), cmap=coloured, clim=(0.0, top))
             shown.set_edgecolor("face")
             axis.add_collection(shown)
-            axis.set_facecolor("#dddddd")
             axis.autoscale_view()
             axis.set_aspect("equal")
         figure.colorbar(shown, ax=axes, label=label)
@@ -365,8 +367,7 @@ def contact_figure(joint: LapJoint, loop: Loop, path: Path) -> Path:
         axis.set_title(where, fontsize=10)
     for axis in grid[-1]:
         axis.set_xlabel("x (mm)")
-    figure.suptitle("Lower plate; grey: holes, and no contact", fontsize=10)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=200)
     return path
 
 

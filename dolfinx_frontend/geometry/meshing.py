@@ -28,6 +28,12 @@ _POOR = 0.1
 _FOLDED = 0.03
 """Scaled Jacobian below which cells are straightened."""
 
+_FLAT = 1e-6
+"""Inscribed over circumscribed radius, times 3, below which a cell is flat."""
+
+FLAT = "flat cells"
+"""What errors about these say."""
+
 _ROUNDS = 20
 """Largest number of rounds; straightening a cell may fold its neighbours, but straight cells never fold."""
 
@@ -54,6 +60,7 @@ def generate(gmsh: Any, loaded: Loaded, order: int, say: Callable[[str], None]) 
                 f"gmsh cannot mesh the {what} of {some(list(loaded.volumes))} ({failure}); give "
                 "smaller sizes, or fix the geometry"
             ) from failure
+    _unflatten(model, loaded)
     if order == 2:
         say("curving the cells")
         model.mesh.setOrder(2)
@@ -66,6 +73,19 @@ def generate(gmsh: Any, loaded: Loaded, order: int, say: Callable[[str], None]) 
                 f"curved cells of {some(list(folded))} are folded (scaled Jacobian "
                 f"{min(folded.values()):.2g}); give smaller sizes, more cells per_turn, or order=1"
             )
+
+
+def _unflatten(model: Any, loaded: Loaded) -> None:
+    """Move and swap cells until none is flat: four nodes of one face are no cell."""
+    for method in ("", "Relocate3D", None):
+        flat = {name: q for name, q in _worst(model, loaded, "gamma").items() if q < _FLAT}
+        if not flat:
+            return
+        if method is not None:
+            model.mesh.optimize(method)
+    raise SceneError(
+        f"{FLAT} in {some(list(flat))} (quality {min(flat.values()):.2g}); give smaller sizes or more cells per_turn"
+    )
 
 
 def _straighten(model: Any) -> None:
@@ -89,12 +109,12 @@ def _straighten(model: Any) -> None:
             mesh.setNode(tag, at, [])
 
 
-def _worst(model: Any, loaded: Loaded) -> dict[str, float]:
-    """Part -> smallest scaled Jacobian of its cells."""
+def _worst(model: Any, loaded: Loaded, quality: str = "minSJ") -> dict[str, float]:
+    """Part -> smallest scaled Jacobian, or another quality, of its cells."""
     out = {}
     for name, volumes in loaded.volumes.items():
         found = [
-            float(model.mesh.getElementQualities(tags, "minSJ").min())
+            float(model.mesh.getElementQualities(tags, quality).min())
             for volume in volumes
             for tags in model.mesh.getElements(3, volume)[1]
         ]

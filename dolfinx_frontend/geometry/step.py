@@ -41,7 +41,7 @@ from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.geometry.away import away, check_timeout
 from dolfinx_frontend.geometry.gmsh import assembled
-from dolfinx_frontend.geometry.meshing import some
+from dolfinx_frontend.geometry.meshing import FLAT, some
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.reading import Recipe, Source, Survey
 from dolfinx_frontend.geometry.sizes import SizeField
@@ -339,8 +339,8 @@ class StepAssembly:
                     )
                     break
                 except SceneError as error:
-                    # chords of two circles that are close to each other cross: more of them do not
-                    if _CROSSING not in str(error) or per_turn >= finest:
+                    # chords of two circles that are close to each other cross, or leave no room: more of them do not
+                    if not any(each in str(error) for each in (_CROSSING, FLAT)) or per_turn >= finest:
                         raise
                     per_turn *= 2
         parts = {

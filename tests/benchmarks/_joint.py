@@ -10,11 +10,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from types import ModuleType
 from typing import Any
 
+import common
 import numpy as np
 import numpy.typing as npt
 from peers import exchange
@@ -28,8 +30,6 @@ Solids = dict[str, exchange.Solid]
 
 MISSING = 3
 RTOL = 1e-5
-SETS = (10, 10, 10)
-"""Values of friction between the plates, of friction under heads and nuts, and of the shortening."""
 
 
 def scene_of(demo: ModuleType, joint: LapJoint) -> Scene:
@@ -37,16 +37,14 @@ def scene_of(demo: ModuleType, joint: LapJoint) -> Scene:
     scene: Scene = demo.build_scene(joint, demo.SHEAR * (demo.PULL, 0.0, 0.0))
     cut = Perfect(jump=demo.TIGHTEN * -demo.SHORTENING)
     for name in demo.CUTS:
-        scene.interfaces[name] = type(scene.interfaces[name])(
-            **{**vars(scene.interfaces[name]), "law": cut, "space": "auto"}
-        )
+        scene.interfaces[name] = replace(scene.interfaces[name], law=cut, space="auto")
     return scene
 
 
 def what(demo: ModuleType, joint: LapJoint) -> dict[str, Any]:
     """The same in words, for another program."""
-    faces = {kind: [(i.face1, i.face2) for i in joint.interfaces if i.kind == kind] for kind in
-             ("contact", "perfect", "elastic", "symmetry", "support")}
+    kinds = ("contact", "perfect", "elastic", "symmetry")
+    faces = {k: [(i.face1, i.face2) for i in joint.interfaces if i.kind == k] for k in kinds}
     return {
         "contacts": faces["contact"],
         "glued": faces["perfect"],
@@ -60,13 +58,12 @@ def what(demo: ModuleType, joint: LapJoint) -> dict[str, Any]:
     }
 
 
-def sets_of(demo: ModuleType) -> dict[Any, Array]:
-    """The thousand sets."""
-    plates, seats, shortening = SETS
+def sets_of(demo: ModuleType, n: int) -> dict[Any, Array]:
+    """n values of friction between the plates, of friction under heads and nuts, and of the shortening."""
     return {
-        "plates.friction": np.linspace(0.1, 0.3, plates),
-        tuple(f"{name}.friction" for name in demo.CONTACTS[1:]): np.linspace(0.1, 0.3, seats),
-        tuple(f"{name}.jump" for name in demo.CUTS): -np.linspace(0.1, 0.2, shortening),
+        "plates.friction": np.linspace(0.1, 0.3, n),
+        tuple(f"{name}.friction" for name in demo.CONTACTS[1:]): np.linspace(0.1, 0.3, n),
+        tuple(f"{name}.jump" for name in demo.CUTS): -np.linspace(0.1, 0.2, n),
     }
 
 
@@ -81,8 +78,8 @@ def ours(demo: ModuleType, problem: Problem, rtol: float) -> tuple[dict[str, Arr
 def theirs(scene: Path, folder: Path) -> Any:
     """The answer of CalculiX; None if it is not there."""
     script, file = Path(__file__).parent / "peers" / "calculix_lap.py", folder / "lap.npz"
-    done = subprocess.run([sys.executable, str(script), str(scene), str(file)], check=False, capture_output=True,
-                          text=True)
+    command = [sys.executable, str(script), str(scene), str(file)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode == MISSING:
         return None
     if done.returncode:
@@ -90,8 +87,10 @@ def theirs(scene: Path, folder: Path) -> Any:
     return np.load(file)
 
 
-def joint_part(demo: ModuleType, size: str | float, solid: Any, folder: Path) -> dict[str, Any]:
-    """One run, a thousand sets, and the same scene in CalculiX (one run; a thousand are a thousand times that)."""
+def joint_part(
+    demo: ModuleType, size: str | float, n: int, solid: Any, folder: Path, theirs_too: bool = True
+) -> dict[str, Any]:
+    """One run, n^3 sets, and the same scene in CalculiX: one run, and that time as often as there are sets."""
     joint = lap_joint(size, geometry_order=1)
     began = perf_counter()
     problem = assemble(scene_of(demo, joint))
@@ -103,8 +102,14 @@ def joint_part(demo: ModuleType, size: str | float, solid: Any, folder: Path) ->
     largest = max(float(np.abs(field).max()) for field in exact_u.values())
     apart = max(float(np.abs(u[name] - field).max()) for name, field in exact_u.items())
     began = perf_counter()
-    swept = sweep(problem, sets_of(demo), times=demo.TIMES, options=demo.SETTINGS.with_(rtol=demo.RTOL),
-                  keep_fields=False, outputs={"load": lambda point: demo.load(problem, point)[..., -1]})
+    swept = sweep(
+        problem,
+        sets_of(demo, n),
+        times=demo.TIMES,
+        options=demo.SETTINGS.with_(rtol=demo.RTOL),
+        keep_fields=False,
+        outputs={"load": lambda point: demo.load(problem, point)[..., -1]},
+    )
     many = perf_counter() - began
     record: dict[str, Any] = {
         "size": size,
@@ -123,12 +128,13 @@ def joint_part(demo: ModuleType, size: str | float, solid: Any, folder: Path) ->
     scene = folder / "lap_scene.npz"
     bodies = {name: solid(part, (200e3, 0.3)) for name, part in joint.parts.items()}
     np.savez(scene, joint=json.dumps(what(demo, joint)), **exchange.arrays_of(bodies))
-    found = theirs(scene, folder)
+    found = theirs(scene, folder) if theirs_too else None
     if found is None:
         return record
     away = 0.0
     for name, field in exact_u.items():
-        near, place = cKDTree(found[f"{name}_points"]).query(problem.substructures[name].V.tabulate_dof_coordinates())
+        nodes = problem.substructures[name].V.tabulate_dof_coordinates()
+        near, place = cKDTree(found[f"{name}_points"]).query(nodes)
         assert near.max() < 1e-6, "other nodes"
         away = max(away, float(np.abs(found[f"{name}_u"][place] - field).max()))
     record["calculix"] = {
@@ -136,6 +142,35 @@ def joint_part(demo: ModuleType, size: str | float, solid: Any, folder: Path) ->
         "iterations": int(found["iterations"]),
         "max_difference": away / largest,
         "load_difference": abs(float(found["load"]) / exact_load - 1.0),
-        "seconds_of_sets": 1e3 * float(found["seconds"]),
+        "seconds_of_sets": swept.converged.size * float(found["seconds"]),
     }
     return record
+
+
+def report(record: dict[str, Any]) -> str:
+    """A table for a page."""
+    def seconds(value: float) -> str:
+        return f"{value:.1f} s" if value < 600.0 else f"{value / 3600.0:.1f} h"
+
+    sets = record["sets"]
+    rows = [
+        [
+            "latin-core",
+            f"{record['error_displacement']:.0e} (true)",
+            f"{record['error_load']:.0e} (true)",
+            seconds(record["seconds"]),
+            seconds(record["seconds_of_sets"]) + ("" if record["converged"] == sets else " (not all)"),
+        ]
+    ]
+    if (other := record["calculix"]) is not None:
+        rows.append(
+            [
+                "CalculiX 2.20",
+                f"{100 * other['max_difference']:.1f} % away",
+                f"{100 * other['load_difference']:.1f} % away",
+                seconds(other["seconds"]),
+                seconds(other["seconds_of_sets"]) + " (times one run)",
+            ]
+        )
+    header = ["lap joint", "displacement", "load", "one run", f"{sets} sets"]
+    return common.markdown_table(header, rows)

@@ -253,9 +253,9 @@ def judged(stack: Stack, folder: Path, seed: int = 0, solve: bool = True) -> Ver
             result = lf.solve(lf.assemble(scene))
     except lf.SceneError as error:
         said.append(str(error))
-        if "unattached" not in str(error):
+        if not any(word in str(error) for word in ("unattached", "no equilibrium")):
             return verdict("failed")
         return verdict("named" if names_a_part() else "failed without a name")
     if result.converged:
         return verdict("converged")
-    return verdict("named" if names_a_part() else f"{result.status} without a name")
+    return verdict("gave up, a part named" if names_a_part() else f"{result.status} without a name")

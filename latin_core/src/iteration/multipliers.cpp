@@ -22,8 +22,13 @@ constexpr double short_step = 1e-12;
 constexpr double settled = 1e-10;
 /// Steps below this that become no shorter are rounding.
 constexpr double of_rounding = 1e-7;
+constexpr Index most_of_rounding = 3;
 constexpr Index most_rounds = 200;
 constexpr Index most_newton = 60;
+/// Operations that condensing may stand for in all factorisations of a search, where it is not cheap, and how many of
+/// those there are in any case.
+constexpr double bearable_work = 2e11;
+constexpr Index least_left = 20;
 /// Steps of Newton's method without progress, where there is no potential.
 constexpr Index patience = 12;
 constexpr double progress = 0.9;
@@ -103,7 +108,10 @@ void Multipliers::set_flexibility(double factor) {
 
 bool Multipliers::solve(State& state, Index most) {
   const substructure::Structure& structure = laws_.structure();
-  left_ = most;
+  const double each = std::max(structure.work().condense, 1.0);
+  left_ = Tangent::possible(structure)
+              ? most
+              : std::min(most, static_cast<Index>(bearable_work / each) + least_left);
   before_last_ = state;
   memory_ = system_.blank();
   Vector carried;
@@ -151,6 +159,10 @@ bool Multipliers::solve_column() {
   Index wait = first_wait;
   Index frozen_rounds = 0;
   double before_change = std::numeric_limits<double>::infinity();
+  Index rounds_of_rounding = 0;
+  double change_of_rounding = 0.0;
+  Vector moved_there;
+  Vector force_there;
   Vector bounds;
   for (Index round = 0; round < most_rounds && left_ > 0; ++round) {
     const Vector before = moved_;
@@ -185,9 +197,22 @@ bool Multipliers::solve_column() {
     if (good && now < settled) {
       return true;
     }
+    if (!good || now > of_rounding) {
+      rounds_of_rounding = 0;
+    } else if (rounds_of_rounding == 0 || now < 0.5 * change_of_rounding) {
+      rounds_of_rounding = 1;
+      change_of_rounding = now;
+      moved_there = moved_before_;
+      force_there = force_before_;
+    } else if (++rounds_of_rounding > most_of_rounding) {
+      // they become no shorter: all of them together are what is not known
+      moved_before_ = moved_there;
+      force_before_ = force_there;
+      return true;
+    }
     if (frozen) {
       --frozen_rounds;
-    } else if (good && round % rounds_between == rounds_between - 1 &&
+    } else if (good && rounds_of_rounding == 0 && round % rounds_between == rounds_between - 1 &&
                now > slower * before_change && factor_ > least_factor) {
       set_flexibility(slower * factor_);
     }

@@ -256,7 +256,7 @@ Measured Run::rescue(Measured measured) {
     measured = stages_.measure(at(), history_, stop_);
   }
   const State found = verification_->settled().has_value() ? state_ : State{};
-  const bool checks = Verification::known(stages_.laws());
+  const bool checks = Verification::known_of_search(stages_.laws());
   for (Index i = 0; checks && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
     const double before = summary_.error;
     measured = verify(std::move(measured), false);

@@ -76,9 +76,17 @@ bool affords_tangent(const substructure::Laws& laws) {
 
 }  // namespace
 
-bool Verification::known(const substructure::Laws& laws) {
-  return affords_tangent(laws) && (!laws.scales_anywhere() || laws.stiffness_is_one()) &&
+bool Verification::tells(const substructure::Laws& laws) {
+  return (!laws.scales_anywhere() || laws.stiffness_is_one()) &&
          (laws.steps() <= most_steps_of_history || !laws.remembers_anywhere());
+}
+
+bool Verification::known(const substructure::Laws& laws) {
+  return affords_tangent(laws) && tells(laws);
+}
+
+bool Verification::known_of_search(const substructure::Laws& laws) {
+  return (affords_tangent(laws) || Multipliers::suits(laws)) && tells(laws);
 }
 
 bool Verification::possible(const substructure::Laws& laws) {

@@ -289,7 +289,7 @@ void Tangent::factorise_dense() {
 
 void Tangent::factorise_sparse() {
   factor_ = nullptr;
-  sparse_lu_ = nullptr;
+  block_lu_ = nullptr;
   if (symmetric_) {
     try {
       factor_ = algebra::factorise(SparseRows(assemble()), 0, algebra::FactorBackend::automatic,
@@ -299,11 +299,7 @@ void Tangent::factorise_sparse() {
       symmetric_ = false;  // not definite, yet there may be an answer
     }
   }
-  sparse_lu_ = std::make_unique<Eigen::SparseLU<SparseColumns>>();
-  sparse_lu_->compute(assemble());
-  if (sparse_lu_->info() != Eigen::Success) {
-    throw NumericalError("the structure is not stable with the tangents of its laws");
-  }
+  block_lu_ = std::make_unique<algebra::BlockLu>(assemble(), joined_->first_active());
 }
 
 void Tangent::invert() {
@@ -323,7 +319,7 @@ Matrix Tangent::solve(const Matrix& load) {
   if (dense_) {
     return symmetric_ ? Matrix(cholesky_.solve(load)) : Matrix(lu_.solve(load));
   }
-  return symmetric_ ? factor_->solve(load) : Matrix(sparse_lu_->solve(load));
+  return symmetric_ ? factor_->solve(load) : Matrix(block_lu_->solve(load));
 }
 
 void Tangent::factorise(const Matrix& slopes, double hold) {

@@ -25,6 +25,8 @@ class Verification {
 
   /// Whether the structure can be linearised: not for long histories of laws with memory. Collective.
   [[nodiscard]] static bool known(const substructure::Laws& laws);
+  /// The same at the price of a search.
+  [[nodiscard]] static bool known_of_search(const substructure::Laws& laws);
 
   /// Whether every estimate is checked: not where the stiffness of bodies varies, but for what is solved at once.
   /// Collective.
@@ -80,6 +82,7 @@ class Verification {
   [[nodiscard]] const Matrix& distance() const { return distance_; }
 
  private:
+  [[nodiscard]] static bool tells(const substructure::Laws& laws);
   bool evaluate(State& state, Matrix& residual);
   /// Of the tables on all ranks, and whether something holds on all.
   [[nodiscard]] double largest(const Matrix& errors) const;
