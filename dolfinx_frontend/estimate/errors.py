@@ -475,7 +475,7 @@ def _how_of_meshes(found: DiscretisationError) -> str:
     """How it was estimated, and of what most of it is."""
     size = found.energy if found.quantity is None else found.quantity
     if sum(found.round.values()) > max(size, sum(found.means.values())):
-        return f"straight cells on round faces of {max(found.round, key=lambda n: found.round[n])}"
+        return f"cells on round faces of {max(found.round, key=lambda n: found.round[n])}"
     if sum(found.means.values()) > size:
         return f"springs that hold means of {max(found.means, key=lambda n: found.means[n])}"
     return "recovered stresses"

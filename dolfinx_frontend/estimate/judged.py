@@ -21,7 +21,7 @@ from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.errors import beside_what_acts, complete, errors
-from dolfinx_frontend.estimate.levels import CoarsePoints, FinePoints, coarse_points, fine_points
+from dolfinx_frontend.estimate.levels import OF_COARSE, CoarsePoints, FinePoints, coarse_points, fine_points
 from dolfinx_frontend.estimate.mesh_error import (
     DeviationError,
     DiscretisationError,
@@ -237,7 +237,7 @@ class Judged:
         self.rest = MARGIN * said
         said = MARGIN * (said + stays)
         if stays > 0.5 * said:
-            how = f"straight cells on round faces of {max(self.stays, key=lambda n: self.stays[n])}"
+            how = f"cells on round faces of {max(self.stays, key=lambda n: self.stays[n])}"
         absolute = None if value is None else said * self._size(value)
         energy = said if self.quantity is None else MARGIN * found.energy
         self.sure = sure
@@ -465,6 +465,19 @@ class Judged:
             return self._as_far_as_it_acts()
         return self.said <= self.target and self.confirmed
 
+    def _one_mesh_alone(self) -> None:
+        """Where a search ends on its first mesh, which is not believed: what it says without cancellation."""
+        if len(self.steps) != 1 or self.confirmed or not isfinite(self.sure) or self.share is None:
+            return
+        said = MARGIN * self.sure
+        if not said > self.said or self.quantity is None:
+            return
+        self.said = said
+        absolute = said * self._size(self.steps[-1].value)
+        how = "recovered stresses without cancellation; no second mesh confirms less"
+        self.share = replace(self.share, quantity=absolute, how=how)
+        self.steps[-1] = self.steps[-1]._replace(error=said)
+
     def _cannot_be_told(self) -> bool:
         """Whether the value is lost in its own error on mesh after mesh: it may be 0."""
         if self.quantity is None or len(self.steps) < LOST_STEPS:
@@ -534,29 +547,34 @@ class Judged:
         assert isinstance(self.quantity, Resultant) and self.share is not None
         if not self.of_first.collocations or self.given_up:
             return False
-        left = LESS * min(max(self.accuracy - self.said, 0.3 * self.said), 0.5)
         settings = {**settings, "active": self._kept(self.problem, settings)}
-        if self.coarse is None:
-            self.coarse = coarse_points(self.of_first, left, self.quantity, method, settings)
-        if self.coarse is None:
-            return False
-        self.fine = fine_points(
-            self.coarse,
-            self.problem,
-            self.result.solver,
-            left,
-            self.quantity,
-            method,
-            self._later(options, self.result),
-            settings,
-        )
-        if self.fine is None:
-            return False
-        before = self.coarse.samples.mean_std(self.quantity).std or 0.0
-        std = self.fine.samples.mean_std(self.quantity).std or 0.0
-        left_of_std = max(self._carried_on(before, std, 0), self.said * std)
-        self.share = replace(self.share, std=left_of_std)
-        self.said = max(self.said, share_of(left_of_std, max(std, self._least(1e-9))))
+        of_mean = self.said
+        for _ in range(2):  # the deviation may leave less than the mean
+            whole_left = min(max(self.accuracy - self.said, 0.3 * self.said), 0.5)
+            left = LESS * whole_left
+            if self.coarse is None or self.coarse.made.total > OF_COARSE * left:
+                self.coarse = coarse_points(self.of_first, left, self.quantity, method, settings)
+            if self.coarse is None:
+                return False
+            self.fine = fine_points(
+                self.coarse,
+                self.problem,
+                self.result.solver,
+                left,
+                self.quantity,
+                method,
+                self._later(options, self.result),
+                settings,
+            )
+            if self.fine is None:
+                return False
+            before = self.coarse.samples.mean_std(self.quantity).std or 0.0
+            std = self.fine.samples.mean_std(self.quantity).std or 0.0
+            left_of_std = max(self._carried_on(before, std, 0), of_mean * std)
+            self.share = replace(self.share, std=left_of_std)
+            self.said = max(of_mean, share_of(left_of_std, max(std, self._least(1e-9))))
+            if self.said > self.target or self.fine.made.total + self.said <= self.accuracy:
+                break
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return True
 

@@ -229,6 +229,7 @@ class _Meshes(Judged):
                 return options
             following = self._finer(problem)
             if following is None:
+                self._one_mesh_alone()
                 return options
             scene, changed = following
             together = self._assembled(scene, changed, problem)

@@ -106,6 +106,20 @@ def test_small_deviation_is_judged_by_itself(mean, accuracy):
     assert result.errors().reached
 
 
+def test_small_deviation_of_a_sum_stays_one():
+    """A deviation of 1e-6 of the mean that a looser run of a larger chaos took for noise: off by 1.7e-2."""
+    laws = LogNormal("a", 1e4, cov=0.5), Gamma("b", 1e4, cov=0.4), Uniform("c", 5e3, 2e4)
+    problem = layers(*laws, young=1.0)
+    result = solve(problem, accuracy=1e-2, quantity=Resultant("load", "jump"), meshes=False)
+    of_uniform = np.log(4.0) / 1.5e4
+    variance = inverse_lognormal(0.5)[1] * 1e-8 + inverse_gamma(0.4)[1] * 1e-8 + (1e-8 - of_uniform**2)
+    means = (inverse_lognormal(0.5)[0] + inverse_gamma(0.4)[0]) * 1e-4 + of_uniform
+    mean = FORCE * (4.0 * LENGTH + means)
+    found = result.mean_std(Resultant("load", "jump"))
+    assert off(found, -mean, FORCE * np.sqrt(variance)) <= 1e-2
+    assert result.errors().reached
+
+
 def stop(gap, move: float = 0.01) -> Problem:
     """A bar whose left end is moved towards a rigid stop: force = E A / L (move - gap)+."""
     scene = Scene()
