@@ -289,7 +289,7 @@ void Tangent::factorise_dense() {
 
 void Tangent::factorise_sparse() {
   factor_ = nullptr;
-  block_lu_ = nullptr;
+  general_ = nullptr;
   if (symmetric_) {
     try {
       factor_ = algebra::factorise(SparseRows(assemble()), 0, algebra::FactorBackend::automatic,
@@ -299,7 +299,7 @@ void Tangent::factorise_sparse() {
       symmetric_ = false;  // not definite, yet there may be an answer
     }
   }
-  block_lu_ = std::make_unique<algebra::BlockLu>(assemble(), joined_->first_active());
+  general_ = std::make_unique<algebra::GeneralFactor>(assemble());
 }
 
 void Tangent::invert() {
@@ -319,7 +319,7 @@ Matrix Tangent::solve(const Matrix& load) {
   if (dense_) {
     return symmetric_ ? Matrix(cholesky_.solve(load)) : Matrix(lu_.solve(load));
   }
-  return symmetric_ ? factor_->solve(load) : Matrix(block_lu_->solve(load));
+  return symmetric_ ? factor_->solve(load) : Matrix(general_->solve(load));
 }
 
 void Tangent::factorise(const Matrix& slopes, double hold) {

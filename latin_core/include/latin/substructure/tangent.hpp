@@ -6,8 +6,8 @@
 #include <memory>
 #include <vector>
 
-#include "latin/algebra/block_lu.hpp"
 #include "latin/algebra/factor.hpp"
+#include "latin/algebra/general_factor.hpp"
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/common/types.hpp"
 #include "latin/substructure/joined.hpp"
@@ -175,7 +175,7 @@ class Tangent {
   std::unique_ptr<algebra::Factor> factor_;
   Matrix inverse_;    ///< where it is dense, after many columns
   Index solved_ = 0;  ///< columns with this factorisation
-  std::unique_ptr<algebra::BlockLu> block_lu_;
+  std::unique_ptr<algebra::GeneralFactor> general_;
 };
 
 }  // namespace latin::substructure
