@@ -131,7 +131,9 @@ class _Meshes(Judged):
             problem = self.problem
             assert problem is not None
             if RandomLaws.of(problem).every:
-                found = self._of_points(method, options, settings) or self._on_two_meshes(method, settings) or solve_to_accuracy(
+                known: Result | SampleResult | None = self._of_points(method, options, settings)
+                known = known or self._on_two_meshes(method, settings)
+                found = known or solve_to_accuracy(
                     problem,
                     self.accuracy,
                     self.quantity,
