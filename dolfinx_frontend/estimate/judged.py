@@ -422,9 +422,9 @@ class Judged:
         if MARGIN * sum(self.stays.values()) > self.target and self.rest <= self.said - self.rest:
             worst = max(self.stays, key=lambda n: self.stays[n])
             self.notes.append(
-                f"{worst}: its straight cells stay on the chords of a round face, which leave "
+                f"{worst}: its cells keep their shape on round faces however they are cut, which leaves "
                 f"{self.stays[worst]:.2g}, more than asked; give a part that can be meshed again "
-                "(geometry.remeshable), or curved cells"
+                "(geometry.remeshable), or more and curved cells"
             )
             return True
         if self._cannot_be_told():
