@@ -422,7 +422,7 @@ class Judged:
         if MARGIN * sum(self.stays.values()) > self.target and self.rest <= self.said - self.rest:
             worst = max(self.stays, key=lambda n: self.stays[n])
             self.notes.append(
-                f"{worst}: its cells keep their shape on round faces however they are cut, which leaves "
+                f"{worst}: its cells keep their chords of round faces however they are cut, which leave "
                 f"{self.stays[worst]:.2g}, more than asked; give a part that can be meshed again "
                 "(geometry.remeshable), or more and curved cells"
             )
