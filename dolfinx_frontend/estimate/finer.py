@@ -129,7 +129,7 @@ def finer(
     }
     for name, places in (beside_touched | dict(edges)).items():
         for number, side in enumerate(problem.interfaces[name].sides):
-            # smaller cells of the side that has the points show what the edge does; the other one may be raised
+            # smaller cells of the side with the points show what the edge does; the other may be raised
             if number == 0 or name not in edges or problem.dim == 2:
                 at_edges.add(side.substructure)
             each = ratios.setdefault(side.substructure, np.ones(len(cells[side.substructure])))

@@ -21,7 +21,13 @@ from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.errors import beside_what_acts, complete, errors
-from dolfinx_frontend.estimate.levels import OF_COARSE, CoarsePoints, FinePoints, coarse_points, fine_points
+from dolfinx_frontend.estimate.levels import (
+    OF_COARSE,
+    CoarsePoints,
+    FinePoints,
+    coarse_points,
+    fine_points,
+)
 from dolfinx_frontend.estimate.mesh_error import (
     DeviationError,
     DiscretisationError,
@@ -29,19 +35,25 @@ from dolfinx_frontend.estimate.mesh_error import (
     discretisation_error,
 )
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
-from dolfinx_frontend.estimate.zones import RESOLVED, SEEN, contact_edges, places_of
+from dolfinx_frontend.estimate.zones import (
+    RESOLVED,
+    SEEN,
+    acted,
+    contact_edges,
+    loading,
+    places_of,
+    values_of,
+)
 from dolfinx_frontend.plan.plan import Method, make_plan
-from dolfinx_frontend.plan.random_laws import RandomLaws, Source
+from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted
-from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
 __all__ = ["Judged"]
 
@@ -76,53 +88,6 @@ LESS = 0.8
 
 LOST_STEPS, LOST_IN = 3, 0.01
 """Meshes after which a value is given up that is below this share of its largest, and below its error."""
-
-
-def _loading(random: RandomLaws) -> list[tuple[str, Source]]:
-    """What is random and loads the structure: its key (``"interface.parameter"``) and source."""
-    laws = random.problem.interfaces
-    found = [
-        (f"{name}.{parameter}", source)
-        for (name, parameter), source in random.sources.items()
-        if parameter not in laws[name].law.spans and parameter != "friction"
-    ]
-    return found + [
-        (f"{term.load}.{term.parameter}", source)
-        for term, own in random.loads.items()
-        for source in own
-        if term.load != OF_STIFFNESS
-    ]
-
-
-def _values_of(random: RandomLaws, xi: Array) -> dict[str, Any]:
-    """Values of random loads at a point (1, L) of the germs."""
-    values: dict[str, Any] = {}
-    for (name, parameter), source in random.sources.items():
-        if parameter in random.problem.interfaces[name].law.spans:
-            continue
-        drawn = random.space.values(source, xi)
-        value: Any = drawn[:, 0] if isinstance(source, DiscretisedField) else float(drawn[0])
-        amplitude = random.amplitude(name, parameter)
-        values[f"{name}.{parameter}"] = value if amplitude is None else amplitude * value
-    for term in random.loads:
-        if term.load == OF_STIFFNESS:
-            continue
-        number = float(random.load_values(term, xi)[0])
-        amplitude = term.amplitude
-        values[f"{term.load}.{term.parameter}"] = number if amplitude is None else amplitude * number
-    return values
-
-
-def _acted(result: Result, quantity: Wanted | None) -> float:
-    """Size of the quantity in an answer, or its energy norm."""
-    if quantity is not None:
-        return abs(result.mean_std(quantity).mean)
-    total = 0.0
-    for name, part in result.problem.own.substructures.items():
-        u = np.asarray(result.displacements[name])
-        last = u if u.ndim == 1 else u[-1]
-        total += float(last @ (part.matrix @ last))
-    return float(np.sqrt(max(total, 0.0)))
 
 
 class Judged:
@@ -255,8 +220,9 @@ class Judged:
         )
         alone = enough * sure <= self.target and not (self.edges or means or self._of_chords())
         # a zone of few points is believed where the change since a coarser one fits amply
-        seen_well = across >= RESOLVED or (len(self.steps) > 1 and across >= SEEN and 2.0 * said <= self.target)
-        self.confirmed = (len(self.steps) > 1 or alone) and seen_well
+        second = len(self.steps) > 1
+        seen_well = across >= RESOLVED or (second and across >= SEEN and 2.0 * said <= self.target)
+        self.confirmed = (second or alone) and seen_well
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
         _log.info("%s", line)
@@ -288,8 +254,8 @@ class Judged:
         return result
 
     def _later(self, options: Options, before: Result | None) -> Options:
-        """Without Newton's steps from the second mesh on, unless they were asked for: one is worth many iterations
-        by then, and these start near their end."""
+        """Without Newton's steps from the second mesh on, unless they were asked for: one is worth many
+        iterations by then, and these start near their end."""
         return options if before is None or not self.plain else options.with_(newton=0)
 
     def _acts_far_from_the_means(
@@ -300,26 +266,26 @@ class Judged:
         problem = result.problem
         random = RandomLaws.of(problem)
         curved = any(not each.law.linear for each in problem.interfaces.values())
-        loading = _loading(random)
-        if not (loading and curved and problem.comm is None):
+        found = loading(random)
+        if not (found and curved and problem.comm is None):
             return False
-        columns = sorted({c for _, source in loading for c in random.space.columns(source)})
+        columns = sorted({c for _, source in found for c in random.space.columns(source)})
         sign = np.where(np.arange(len(columns)) % 2 == 0, 1.0, -1.0)
-        least, farthest = ACTS * _acted(result, self.quantity), 0.0
+        least, farthest = ACTS * acted(result, self.quantity), 0.0
         chosen: dict[str, Any] = {}
         ones = np.ones(len(columns))
         for side in (ones, -ones, sign, -sign)[: 2 if len(columns) == 1 else 4]:
             u = np.full((1, random.space.dimension), 0.5)
             u[0, columns] = ndtr(side)
             xi = random.space.from_uniform(u)
-            self.acting = _values_of(random, xi)
+            self.acting = values_of(random, xi)
             try:
                 there = self._at(problem, None, method, options, settings)
             except SceneError:
                 continue  # what is pulled off may move freely
-            acted = _acted(there, self.quantity)
-            if acted > max(least, farthest):
-                farthest, chosen = acted, self.acting
+            size = acted(there, self.quantity)
+            if size > max(least, farthest):
+                farthest, chosen = size, self.acting
         self.acting = chosen
         return bool(chosen)
 
@@ -332,9 +298,9 @@ class Judged:
         problem = self.problem
         assert problem is not None
         random = RandomLaws.of(problem)
-        loading = bool(_loading(random))
+        loads = bool(loading(random))
         linear = all(each.law.linear for each in problem.interfaces.values())
-        if not (loading and linear and isinstance(self.quantity, Resultant) and problem.comm is None):
+        if not (loads and linear and isinstance(self.quantity, Resultant) and problem.comm is None):
             return None
         try:
             self.chaos = self._chaos_on(problem, method, options, settings)
@@ -426,8 +392,8 @@ class Judged:
     def _fastest(self) -> float:
         """The least factor by which an error is taken to fall: what is unseen need not do as an estimate.
 
-        Of a change of meshes only as much is due to the edges of contact zones as parts beside them have become
-        better, of all parts.
+        Of a change of meshes only as much is due to the edges of contact zones as parts beside them have
+        become better, of all parts.
         """
         if not self.edges or len(self.by_part) < 2:
             return AT_EDGES if self.edges else FASTEST
@@ -456,9 +422,9 @@ class Judged:
         if MARGIN * sum(self.stays.values()) > self.target and self.rest <= self.said - self.rest:
             worst = max(self.stays, key=lambda n: self.stays[n])
             self.notes.append(
-                f"{worst}: its straight cells stay on the chords of a round face, which leave "
+                f"{worst}: its cells keep their chords of round faces however they are cut, which leave "
                 f"{self.stays[worst]:.2g}, more than asked; give a part that can be meshed again "
-                "(geometry.remeshable), or curved cells"
+                "(geometry.remeshable), or more and curved cells"
             )
             return True
         if self._cannot_be_told():
@@ -541,8 +507,8 @@ class Judged:
         return self.said <= self.target
 
     def _by_points(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
-        """Whether points tell of the deviation, where a law is not linear: many of them on the first mesh, few
-        on the present one, which are the answer if they fit."""
+        """Whether points tell of the deviation, where a law is not linear: many of them on the first mesh,
+        few on the present one, which are the answer if they fit."""
         assert self.of_first is not None and self.problem is not None and self.result is not None
         assert isinstance(self.quantity, Resultant) and self.share is not None
         if not self.of_first.collocations or self.given_up:

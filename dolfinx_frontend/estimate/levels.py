@@ -35,7 +35,6 @@ from dolfinx_frontend.solvers.galerkin import carry_on
 from dolfinx_frontend.solvers.sampling import sample_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
-from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["CoarsePoints", "FinePoints", "coarse_points", "fine_points", "of_two_meshes"]
 
@@ -159,7 +158,13 @@ def coarse_points(
     if any(isinstance(s, DiscretisedField) for s in random.sources.values()) or not coarse.collocations:
         return None
     found = solve_to_accuracy(
-        coarse.problem, max(OF_COARSE * accuracy, 1e-10), quantity, method, meshes=False, first=coarse, **settings
+        coarse.problem,
+        max(OF_COARSE * accuracy, 1e-10),
+        quantity,
+        method,
+        meshes=False,
+        first=coarse,
+        **settings,
     )
     made = found.errors()
     if not isinstance(found, SampleResult) or not made.reached or not found.converged or not found.complete:
@@ -248,7 +253,8 @@ def fine_points(
                 options=options.with_(rtol=known.rtol),
                 **settings,
             )
-            solver = before if before.problem is problem and _alike(plan, before.plan) else Solver(problem, plan, before)
+            kept = before.problem is problem and _alike(plan, before.plan)
+            solver = before if kept else Solver(problem, plan, before)
         samples = sample_on(
             solver,
             random,
@@ -269,8 +275,10 @@ def fine_points(
 
 def _alike(one: Plan, other: Plan) -> bool:
     """Whether two plans keep the same interfaces and load the parts alike: then a solver serves both."""
-    names = ("method", "active", "eliminated", "columns", "direction", "patterns", "history", "macro")
-    names += ("moments", "paired", "loads", "scaled", "fields")
+    names = [
+        *("method", "active", "eliminated", "columns", "direction", "patterns", "history", "macro"),
+        *("moments", "paired", "loads", "scaled", "fields"),
+    ]
     times = one.times is other.times or np.array_equal(np.asarray(one.times), np.asarray(other.times))
     return times and all(getattr(one, n) == getattr(other, n) for n in names)
 
@@ -283,7 +291,7 @@ def _compared(
     values = quantity.at_end(samples, samples)
     weights = samples.probabilities
     value = samples.mean_std(quantity)
-    size, whole = size_of(value, quantity), whole_of(value, known.rtol, quantity)
+    whole = whole_of(value, known.rtol, quantity)
     if whole is None or len(values) < LEAST or not samples.converged:
         return None
     # what the meshes change: as the value of the coarse mesh does, smoothly, and besides
@@ -308,7 +316,8 @@ def _compared(
         for k in dict.fromkeys([important, apart])
         for again in [_again(samples, k, quantity)]
     ]
-    algebraic = ErrorShare(float(np.max(samples.error)), max(away), max(away), "points solved again, and tighter")
+    how = "points solved again, and tighter"
+    algebraic = ErrorShare(float(np.max(samples.error)), max(away), max(away), how)
     before = known.samples.mean_std(quantity)
     of_coarse = known.made.truncation
     if of_coarse is None or before.std is None:

@@ -46,7 +46,7 @@ __all__ = ["solve_scene"]
 
 _log = logging.getLogger(__name__)
 
-OF_MESHES, OF_MESHES_RANDOM = 0.85, 0.6
+OF_MESHES, OF_MESHES_RANDOM = 0.95, 0.6
 """Shares of an accuracy that the meshes may use, which cost most; and where points answer what is random:
 with a kink the next digit costs them more than a finer mesh."""
 
@@ -56,7 +56,7 @@ OF_ITERATION = 0.02
 FALL = 0.1
 """Factor by which the error is to fall in one step at most."""
 
-AIM = 0.4
+AIM = 0.36
 """What a step aims at, relative to what the meshes may leave: one more step costs more than a finer one."""
 
 LOST = 1e-5
@@ -131,7 +131,9 @@ class _Meshes(Judged):
             problem = self.problem
             assert problem is not None
             if RandomLaws.of(problem).every:
-                found = self._of_points(method, options, settings) or self._on_two_meshes(method, settings) or solve_to_accuracy(
+                known: Result | SampleResult | None = self._of_points(method, options, settings)
+                known = known or self._on_two_meshes(method, settings)
+                found = known or solve_to_accuracy(
                     problem,
                     self.accuracy,
                     self.quantity,

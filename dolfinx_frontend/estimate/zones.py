@@ -1,8 +1,9 @@
-"""What interfaces and cells tell a search for meshes: soft springs, contact zones, places of errors."""
+"""What a scene tells a search for meshes: soft springs, contact zones, places of errors, random loads."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,18 +13,22 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes
 from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
+from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.errors import Place
 from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.resultant import Wanted
 from dolfinx_frontend.scene.laws import Elimination
+from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["RESOLVED", "SEEN", "contact_edges", "places_of", "soft_springs"]
+__all__ = ["RESOLVED", "SEEN", "acted", "contact_edges", "loading", "places_of", "soft_springs", "values_of"]
 
 COARSER = 1.5
 """Facets of the side with the points, relative to those of the other side, at most."""
 
 RESOLVED, SEEN = 6.0, 3.0
-"""Closed points of a contact zone with an edge, in each direction, at least: to be believed as any other zone,
+"""Closed points of a contact zone with an edge, in each direction, at least: to be believed as any other,
 and if what is said of its mesh fits twice."""
 
 COVERED = 0.99
@@ -66,8 +71,8 @@ def _facets(problem: Problem, part: str, face: str) -> Ints:
 
 
 def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
-    """Active interface that may open -> its points (k, d) with closed and open ones around; and how many closed
-    points the zone with the fewest has in each direction, infinite where none has an edge."""
+    """Active interface that may open -> its points (k, d) with closed and open ones around; and how many
+    closed points the zone with the fewest has in each direction, infinite where none has an edge."""
     out, across = {}, np.inf
     for name in result.plan.active:
         interface = result.problem.interfaces[name]
@@ -106,3 +111,50 @@ def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]
         size = float(cell_sizes(mesh).min())
         out.append(Place(name, sums[name] / total, at, len(cells[name]), size))
     return tuple(out)
+
+
+def loading(random: RandomLaws) -> list[tuple[str, Source]]:
+    """What is random and loads the structure: its key (``"interface.parameter"``) and source."""
+    laws = random.problem.interfaces
+    found = [
+        (f"{name}.{parameter}", source)
+        for (name, parameter), source in random.sources.items()
+        if parameter not in laws[name].law.spans and parameter != "friction"
+    ]
+    return found + [
+        (f"{term.load}.{term.parameter}", source)
+        for term, own in random.loads.items()
+        for source in own
+        if term.load != OF_STIFFNESS
+    ]
+
+
+def values_of(random: RandomLaws, xi: Array) -> dict[str, Any]:
+    """Values of random loads at a point (1, L) of the germs."""
+    values: dict[str, Any] = {}
+    for (name, parameter), source in random.sources.items():
+        if parameter in random.problem.interfaces[name].law.spans:
+            continue
+        drawn = random.space.values(source, xi)
+        value: Any = drawn[:, 0] if isinstance(source, DiscretisedField) else float(drawn[0])
+        amplitude = random.amplitude(name, parameter)
+        values[f"{name}.{parameter}"] = value if amplitude is None else amplitude * value
+    for term in random.loads:
+        if term.load == OF_STIFFNESS:
+            continue
+        number = float(random.load_values(term, xi)[0])
+        amplitude = term.amplitude
+        values[f"{term.load}.{term.parameter}"] = number if amplitude is None else amplitude * number
+    return values
+
+
+def acted(result: Result, quantity: Wanted | None) -> float:
+    """Size of the quantity in an answer, or its energy norm."""
+    if quantity is not None:
+        return abs(result.mean_std(quantity).mean)
+    total = 0.0
+    for name, part in result.problem.own.substructures.items():
+        u = np.asarray(result.displacements[name])
+        last = u if u.ndim == 1 else u[-1]
+        total += float(last @ (part.matrix @ last))
+    return float(np.sqrt(max(total, 0.0)))

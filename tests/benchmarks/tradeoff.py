@@ -294,7 +294,7 @@ def elastic_settings(
 def scenes(quick: bool = False) -> dict[str, Scene]:
     """The three scenes by name."""
     base = Mesh("coarse" if quick else "paper")
-    fine, coarser = (Mesh("paper"), Mesh("coarse", 3)) if quick else (Mesh(6.2, 3), Mesh("paper", 3))
+    fine, coarser = (Mesh("paper", 3), Mesh("coarse", 3)) if quick else (Mesh(6.2, 3), Mesh("paper", 3))
     others = [Mesh("coarse", 1), Mesh("coarse", 2, "facets")]
     if not quick:
         others += [Mesh("coarse"), Mesh(18.0), Mesh("coarse", 3), Mesh("paper", 1)]

@@ -74,7 +74,8 @@ def test_parabolas_miss_area_of_a_disc(edges: int) -> None:
         MPI.COMM_SELF, cells=np.array(cells, dtype=np.int64), e=of_cells, x=np.stack([x.real, x.imag], axis=1)
     )
     area = fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * ufl.dx))
-    known = edges * (0.5 * np.sin(angle) + 2.0 / 3.0 * 2.0 * np.sin(0.5 * angle) * (1.0 - np.cos(0.5 * angle)))
+    height, chord = 1.0 - np.cos(0.5 * angle), 2.0 * np.sin(0.5 * angle)
+    known = edges * (0.5 * np.sin(angle) + 2.0 / 3.0 * chord * height)
     assert area == pytest.approx(known, rel=1e-12)
     found = _round_facets(SimpleNamespace(part=SimpleNamespace(mesh=mesh), dim=2))  # type: ignore[arg-type]
     assert found is not None and len(found.cells) == edges
