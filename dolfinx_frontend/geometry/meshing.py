@@ -84,7 +84,8 @@ def _unflatten(model: Any, loaded: Loaded) -> None:
         if method is not None:
             model.mesh.optimize(method)
     raise SceneError(
-        f"{FLAT} in {some(list(flat))} (quality {min(flat.values()):.2g}); give smaller sizes or more cells per_turn"
+        f"{FLAT} in {some(list(flat))} (quality {min(flat.values()):.2g}); give smaller sizes or more cells "
+        "per_turn"
     )
 
 

@@ -339,8 +339,10 @@ class StepAssembly:
                     )
                     break
                 except SceneError as error:
-                    # chords of two circles that are close to each other cross, or leave no room: more of them do not
-                    if not any(each in str(error) for each in (_CROSSING, FLAT)) or per_turn >= finest:
+                    # chords of two circles that are close to each other cross, or leave no room: more of them
+                    # do not
+                    told = any(each in str(error) for each in (_CROSSING, FLAT))
+                    if not told or per_turn >= finest:
                         raise
                     per_turn *= 2
         parts = {

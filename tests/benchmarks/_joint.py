@@ -1,8 +1,8 @@
-"""The bolted lap joint of ``demos/bolted_lap_joint.py`` by us and by CalculiX, on the same nodes and elements.
+"""The bolted lap joint of ``demos/bolted_lap_joint.py`` by us and by CalculiX, on the same nodes.
 
-Straight tetrahedra with quadratic displacements. Bolts are cut between shank and head and shortened there by an imposed
-jump, without the spring of the demo; everything else is that of the demo: tightening, then a pull; friction in five
-contacts. The discretisation of the contact is each program's own.
+Straight tetrahedra with quadratic displacements. Bolts are cut between shank and head and shortened there by
+an imposed jump, without the spring of the demo; everything else is that of the demo: tightening, then a pull;
+friction in five contacts. The discretisation of the contact is each program's own.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def what(demo: ModuleType, joint: LapJoint) -> dict[str, Any]:
     }
 
 
-def sets_of(demo: ModuleType, n: int) -> dict[Any, Array]:
+def sets_of(demo: ModuleType, n: int) -> dict[Any, Any]:
     """n values of friction between the plates, of friction under heads and nuts, and of the shortening."""
     return {
         "plates.friction": np.linspace(0.1, 0.3, n),
@@ -90,7 +90,7 @@ def theirs(scene: Path, folder: Path) -> Any:
 def joint_part(
     demo: ModuleType, size: str | float, n: int, solid: Any, folder: Path, theirs_too: bool = True
 ) -> dict[str, Any]:
-    """One run, n^3 sets, and the same scene in CalculiX: one run, and that time as often as there are sets."""
+    """One run, n^3 sets, and the same in CalculiX: one run, whose time counts as often as there are sets."""
     joint = lap_joint(size, geometry_order=1)
     began = perf_counter()
     problem = assemble(scene_of(demo, joint))
@@ -173,4 +173,5 @@ def report(record: dict[str, Any]) -> str:
             ]
         )
     header = ["lap joint", "displacement", "load", "one run", f"{sets} sets"]
-    return common.markdown_table(header, rows)
+    table: str = common.markdown_table(header, rows)
+    return table

@@ -17,10 +17,10 @@
   tetrahedra, meshes that match or do not. ``ours``: ``setup_s`` (assembly of the matrices), ``solve_s``
   (factorisation to displacements of all nodes), ``iterations``, and the true errors ``error_displacement``,
   relative to the largest one, and ``error_force``, against a solution to 1e-10 of the same equations;
-* ``joint``: the lap joint with straight cells and bolts shortened by a jump, by us and by CalculiX on the same nodes
-  and elements (``_joint.py``); for 1 000 sets of CalculiX the time of one run is taken as often;
-* in ``blocks``, for each of ``peers``: ``seconds`` (``setup_s`` + ``solve_s``: from arrays of nodes and cells to
-  the solution; no time to start an interpreter, none to read or write files except for CalculiX, a program
+* ``joint``: the lap joint with straight cells and bolts shortened by a jump, by us and by CalculiX on the
+  same nodes and elements (``_joint.py``); for many sets of CalculiX the time of one run is taken as often;
+* in ``blocks``, for each of ``peers``: ``seconds`` (``setup_s`` + ``solve_s``: from arrays of nodes and cells
+  to the solution; no time to start an interpreter, none to read or write files except for CalculiX, a program
   that reads files), ``max_difference`` of the displacements at all nodes, relative to the largest one, and
   ``force_difference`` of the resultant of the contact, relative to its size. Nodes and elements are the
   same; the discretisation of the contact is each code's own. ``peers`` at the top level has the sum of the
@@ -367,7 +367,7 @@ def main() -> None:
     parser.add_argument("--size", type=common.size, default="medium", help="of the lap joint")
     parser.add_argument("--sets", type=int, default=10, help="values of each of three parameters")
     parser.add_argument("--cells", type=int, default=4, help="cells along 10 mm of the blocks")
-    parser.add_argument("--joint", type=common.size, default="coarse", help="size of the joint of other codes")
+    parser.add_argument("--joint", type=common.size, default="coarse", help="size of that of other codes")
     parser.add_argument("--checked", type=int, default=6, help="sets solved again, tightly")
     parser.add_argument("--keep", type=Path, help="folder for the scenes, decks and answers of the peers")
     options = parser.parse_args()

@@ -27,7 +27,7 @@ constexpr Index most_rounds = 200;
 constexpr Index most_newton = 60;
 /// Operations that condensing may stand for in all factorisations of a search, where it is not cheap, and how many of
 /// those there are in any case.
-constexpr double bearable_work = 2e11;
+constexpr double bearable_work = 1e11;
 constexpr Index least_left = 20;
 /// Steps of Newton's method without progress, where there is no potential.
 constexpr Index patience = 12;

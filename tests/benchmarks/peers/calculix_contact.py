@@ -1,4 +1,6 @@
-"""A contact scene in CalculiX: ``python calculix_contact.py SCENE ANSWER [REPEATS]``; needs ``ccx`` (``get_calculix.sh``).
+"""A contact scene in CalculiX: ``python calculix_contact.py SCENE ANSWER [REPEATS]``.
+
+It needs ``ccx``, which ``get_calculix.sh`` brings.
 
 Ten-node tetrahedra (C3D10), surface-to-surface penalty contact with a stiff linear overclosure and, with
 friction, a stick slope ten times lower; small displacements, one increment. The penetration that a penalty

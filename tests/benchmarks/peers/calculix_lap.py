@@ -1,10 +1,12 @@
 """A bolted joint in CalculiX: ``python calculix_lap.py SCENE ANSWER``; needs ``ccx`` (``get_calculix.sh``).
 
-The scene (npz) has the bodies as in ``exchange``, and as json in ``joint``: ``contacts``, ``glued`` and ``cuts`` (pairs
-of faces "body:face"; glued ones and cuts match node for node), ``friction``, ``shortening`` of the cuts along z in the
-first step, ``planes`` (faces held along y), ``held`` (faces held) and ``pulled`` (a face held, and moved by ``pull``
-along x in the second step). What is glued and cut is tied by equations, node by node; the shortening belongs to a
-node of its own in those of the cuts. Elements and contact are those of ``calculix_contact``.
+The scene (npz) has the bodies as in ``exchange``, and as json in ``joint``: ``contacts``, ``glued`` and
+``cuts`` (pairs of faces "body:face"; glued ones and cuts match node for node), ``friction``, ``shortening``
+of the cuts along z in the first step, ``planes`` (faces held along y), ``held`` (faces held) and ``pulled``
+(a face held, and moved by ``pull`` along x in the second step). What is glued and cut is tied by equations,
+node by node; the shortening belongs to a node of its own in those of the cuts.
+
+Elements and contact are those of ``calculix_contact``.
 
 Answer: ``NAME_points``, ``NAME_u`` of every body at the end, ``load`` (reaction of the pulled face along x),
 ``seconds`` of the whole run of ccx, ``iterations``. Exit code 3 without ccx.
