@@ -186,7 +186,8 @@ def price(
         more = one.of_points(max(way.points, 1))
         seconds, memory = seconds + more[0], memory + more[1]
     if way.random is not None and way.random.fields:
-        inside = float(sum(problem.own.substructures[name].entries for name in way.random.fields))
+        own = problem.own.substructures  # of this rank, as all that is counted here
+        inside = float(sum(own[name].entries for name in way.random.fields if name in own))
         seconds, memory = seconds + _ENTRY_OF_FIELD * inside, memory + _BYTES_OF_FIELD * inside
     return Price(seconds / speed(), seconds / unit, memory, not curved)
 

@@ -361,7 +361,7 @@ def test_every_facet_has_its_own_colour(d: int, space: str, tmp_path: Path, monk
     assert np.corrcoef(p, middles[:, 0])[0, 1] > 0.9
     seen: list[Any] = []
     monkeypatch.setattr(interface_figures, "draw_solid", lambda *given: seen.append(given[2]))
-    monkeypatch.setattr(interface_figures, "save", lambda figure, path: seen.append(figure))
+    monkeypatch.setattr(interface_figures, "save", lambda figure, path, **how: seen.append(figure))
     figures.interface_figure(result, "joint", tmp_path / "a.png", scale=0.0)
     wanted = colormaps["viridis"]((p - p.min()) / np.ptp(p))[:, :3]
     if d == 2:
@@ -389,7 +389,7 @@ def test_mortar_fields_are_drawn_without_steps(d: int, tmp_path: Path, monkeypat
     assert found["pressure"] == pytest.approx(nodal[i.vertices.corners])
     seen: list[Any] = []
     monkeypatch.setattr(interface_figures, "draw_solid", lambda *given: seen.append(given[2]))
-    monkeypatch.setattr(interface_figures, "save", lambda figure, path: seen.append(figure))
+    monkeypatch.setattr(interface_figures, "save", lambda figure, path, **how: seen.append(figure))
     figures.interface_figure(result, "joint", tmp_path / "a.png", scale=0.0)
     if d == 2:
         lines = seen[0].axes[0].collections[-1]
