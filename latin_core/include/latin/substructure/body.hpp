@@ -223,8 +223,12 @@ class Body {
   /// Forces of the sides on the active unknowns: Z^T T^T W f, (active, c). Those of sides that lie on each other
   /// are added up.
   void gather(ConstMatrixRef forces, MatrixRef on_unknowns) const;
-  /// Forces of the load patterns and of jumps that springs impose on the active unknowns, (active, l).
+  /// Forces of the load patterns on the active unknowns without those of jumps that springs impose, (active, l).
   [[nodiscard]] const Matrix& active_patterns() const { return active_patterns_; }
+  /// The latter, (active, l); empty without such jumps.
+  [[nodiscard]] Matrix jump_patterns() const {
+    return of_jumps_.size() > 0 ? Matrix(of_jumps_.bottomRows(active_)) : Matrix();
+  }
   /// Stiffness of each of these alone, in the members and without springs, (active), force / length.
   [[nodiscard]] const Vector& active_stiffness() const { return active_stiffness_; }
 
