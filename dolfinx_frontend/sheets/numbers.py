@@ -56,7 +56,7 @@ class _Joint:
     clamping: Array
     shear: Array
     friction: Array
-    slides: Array
+    slides: Flags
     open: Array
 
 
@@ -258,8 +258,7 @@ def _slides(joint: _Joint, last: int | None) -> Flags:
     Forces of a joint that turns cancel as vectors. What tightening alone brings to its limit, by widening, is
     no slip.
     """
-    slides = joint.slides > 0.0
-    return slides if last is None else slides[:, last:] & ~slides[:, last, None]
+    return joint.slides if last is None else joint.slides[:, last:] & ~joint.slides[:, last, None]
 
 
 def _joints(
@@ -314,15 +313,15 @@ def _read(
                 total = np.linalg.norm(np.einsum("ntpd,p->ntd", shear, weights), axis=-1)
                 total[total <= NOTHING * np.abs(clamping).max()] = 0.0  # rounding
                 whole = holds @ weights
-                sticks = (weights > 0.0) & (size < (1.0 - AT_LIMIT) * holds)
-                slides = (whole > 0.0) & (sticks.sum(axis=-1) < 2)
-                if mu is not None or limits is None:  # its law has no friction: its shear knows no limit
-                    slides = np.zeros_like(slides)
+                slides = np.zeros(whole.shape, dtype=bool)
+                if mu is None and limits is not None:  # of another law the shear knows no limit
+                    sticks = (weights > 0.0) & (size < (1.0 - AT_LIMIT) * holds)
+                    slides = (whole > 0.0) & (sticks.sum(axis=-1) < 2)
                 yield bolt.name, joint, _Joint(
                     clamping,
                     total,
                     whole,
-                    slides.astype(float),
+                    slides,
                     is_open @ weights / weights.sum(),
                 )
 

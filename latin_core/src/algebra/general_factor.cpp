@@ -1,5 +1,7 @@
 #include "latin/algebra/general_factor.hpp"
 
+#include <utility>
+
 #include "latin/common/error.hpp"
 
 #ifdef LATIN_HAVE_UMFPACK
@@ -11,7 +13,7 @@
 namespace latin::algebra {
 
 struct GeneralFactor::Lu {
-  explicit Lu(const SparseColumns& given) : matrix(given) { factor.compute(matrix); }
+  explicit Lu(SparseColumns given) : matrix(std::move(given)) { factor.compute(matrix); }
 
   SparseColumns matrix;  ///< UMFPACK refines with it
 #ifdef LATIN_HAVE_UMFPACK
@@ -21,7 +23,7 @@ struct GeneralFactor::Lu {
 #endif
 };
 
-GeneralFactor::GeneralFactor(const SparseColumns& matrix) : lu_(std::make_unique<Lu>(matrix)) {
+GeneralFactor::GeneralFactor(SparseColumns matrix) : lu_(std::make_unique<Lu>(std::move(matrix))) {
   if (lu_->factor.info() != Eigen::Success) {
     throw NumericalError("a matrix without symmetry is singular");
   }

@@ -152,10 +152,9 @@ Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
       net.noalias() += extra.bottomRows(body.active()) * amplitudes;
     }
     energies = energies.cwiseMin((compliance.transpose() * net.cwiseAbs2()).transpose());
-    const Matrix of_jumps = body.jump_patterns();
-    if (of_jumps.size() > 0) {
+    if (body.jump_patterns().size() > 0) {
       // a contact bears what springs in the body pull beside it
-      net.noalias() += of_jumps * amplitudes;
+      net.noalias() += body.jump_patterns() * amplitudes;
       energies = energies.cwiseMin((compliance.transpose() * net.cwiseAbs2()).transpose());
     }
   }

@@ -299,7 +299,11 @@ void Tangent::factorise_sparse() {
       symmetric_ = false;  // not definite, yet there may be an answer
     }
   }
-  general_ = std::make_unique<algebra::GeneralFactor>(assemble());
+  try {
+    general_ = std::make_unique<algebra::GeneralFactor>(assemble());
+  } catch (const NumericalError&) {
+    throw NumericalError("the structure is not stable with the tangents of its laws");
+  }
 }
 
 void Tangent::invert() {

@@ -15,15 +15,12 @@ Answer: ``NAME_points``, ``NAME_u`` of every body at the end, ``load`` (reaction
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
-from calculix_contact import FACES, MISSING, STICK, STIFFER, find, lines, quadratic, read
+from calculix_contact import FACES, STICK, STIFFER, lines, quadratic, read, run_deck
 from exchange import Array, Ints, Solid, bodies_of
 from scipy.spatial import cKDTree
 
@@ -114,27 +111,10 @@ def main() -> None:
     with np.load(sys.argv[1]) as data:
         bodies, joint = bodies_of(data), json.loads(str(data["joint"]))
     text, nodes, first = deck(bodies, joint)
-    job = answer.with_suffix(".ccx")
-    job.mkdir(exist_ok=True)
-    (job / "scene.inp").write_text(text)
-    program = find()
-    if program is None:
-        raise SystemExit(MISSING)
-    start = perf_counter()
-    done = subprocess.run(
-        [program, "-i", "scene"],
-        cwd=job,
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"CCX_NPROC_STIFFNESS": os.environ.get("OMP_NUM_THREADS", "1")},
-    )
-    seconds = perf_counter() - start
-    if done.returncode or "Job finished" not in done.stdout:
-        raise SystemExit(f"ccx failed: {done.stdout[-2000:]}")
-    u, totals = read(job / "scene.dat", sum(len(x) for x in nodes.values()))
+    file, printed, seconds = run_deck(text, answer)
+    u, totals = read(file, sum(len(x) for x in nodes.values()))
     load = totals["N_" + str(joint["pulled"]).replace(":", "_").upper()][0]
-    out = {"load": load, "seconds": seconds, "iterations": done.stdout.count("iteration ")}
+    out = {"load": load, "seconds": seconds, "iterations": printed.count("iteration ")}
     for name, x in nodes.items():
         out |= {f"{name}_points": x, f"{name}_u": u[first[name] - 1 :][: len(x)]}
     np.savez(answer, **out)

@@ -226,8 +226,8 @@ class Body {
   /// Forces of the load patterns on the active unknowns without those of jumps that springs impose, (active, l).
   [[nodiscard]] const Matrix& active_patterns() const { return active_patterns_; }
   /// The latter, (active, l); empty without such jumps.
-  [[nodiscard]] Matrix jump_patterns() const {
-    return of_jumps_.size() > 0 ? Matrix(of_jumps_.bottomRows(active_)) : Matrix();
+  [[nodiscard]] auto jump_patterns() const {
+    return of_jumps_.bottomRows(of_jumps_.size() > 0 ? active_ : 0);
   }
   /// Stiffness of each of these alone, in the members and without springs, (active), force / length.
   [[nodiscard]] const Vector& active_stiffness() const { return active_stiffness_; }
