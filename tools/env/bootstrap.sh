@@ -66,7 +66,7 @@ if not any(map(shutil.which, (os.environ.get("CXX", "c++"), "g++", "clang++"))):
     sys.exit(1)
 modules = {"pip": "pip", "pybind11": "pybind11", "scikit-build-core": "scikit_build_core",
            "gmsh": "gmsh", "scipy": "scipy", "matplotlib": "matplotlib", "pytest": "pytest",
-           "pytest-timeout": "pytest_timeout", "hypothesis": "hypothesis"}
+           "pytest-timeout": "pytest_timeout", "pytest-xdist": "xdist", "hypothesis": "hypothesis"}
 missing = [name for name, module in modules.items() if util.find_spec(module) is None]
 missing += [name for name, tool in (("cmake", "cmake"), ("ninja", "ninja")) if not shutil.which(tool)]
 print(*missing)
@@ -247,7 +247,7 @@ explain_and_stop() {
 latin: dolfinx >= 0.9 with petsc4py and PETSc's headers was not found, and could not be installed here.
 Three ways to get it, any of them will do:
   conda      conda create -n latin -c conda-forge fenics-dolfinx python-gmsh pybind11 scikit-build-core \
-               cmake ninja cxx-compiler eigen suitesparse scipy matplotlib pytest pytest-timeout hypothesis
+               cmake ninja cxx-compiler eigen suitesparse scipy matplotlib pytest pytest-timeout pytest-xdist hypothesis
              conda activate latin
   container  docker run -it -v "$PWD:$PWD" -w "$PWD" dolfinx/dolfinx:stable
   Debian 13  as root or with sudo (or any Linux as root with mmdebstrap and the right to mount)

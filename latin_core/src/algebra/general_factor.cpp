@@ -1,7 +1,5 @@
 #include "latin/algebra/general_factor.hpp"
 
-#include <utility>
-
 #include "latin/common/error.hpp"
 
 #ifdef LATIN_HAVE_UMFPACK
@@ -13,7 +11,7 @@
 namespace latin::algebra {
 
 struct GeneralFactor::Lu {
-  explicit Lu(SparseColumns given) : matrix(std::move(given)) { factor.compute(matrix); }
+  explicit Lu(const SparseColumns& given) : matrix(given) { factor.compute(matrix); }
 
   SparseColumns matrix;  ///< UMFPACK refines with it
 #ifdef LATIN_HAVE_UMFPACK
@@ -23,7 +21,7 @@ struct GeneralFactor::Lu {
 #endif
 };
 
-GeneralFactor::GeneralFactor(SparseColumns matrix) : lu_(std::make_unique<Lu>(std::move(matrix))) {
+GeneralFactor::GeneralFactor(const SparseColumns& matrix) : lu_(std::make_unique<Lu>(matrix)) {
   if (lu_->factor.info() != Eigen::Success) {
     throw NumericalError("a matrix without symmetry is singular");
   }

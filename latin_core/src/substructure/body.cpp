@@ -554,6 +554,8 @@ std::shared_ptr<const Body> Body::with_factors(const std::vector<Vector>& factor
   body->active_stiffness_ = active_stiffness_;
   body->work_ = work_;
   body->offset_energy_ = offset_energy_;
+  body->of_jumps_ = of_jumps_;
+  body->jump_energy_ = jump_energy_;
   body->offset_traces_ = offset_traces_;
   const Spread& spread = this->spread();
   SparseRows lower = spread.lower;

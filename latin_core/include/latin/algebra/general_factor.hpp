@@ -12,7 +12,7 @@ class GeneralFactor {
  public:
   /// @param matrix (n, n)
   /// @throws NumericalError it is singular
-  explicit GeneralFactor(SparseColumns matrix);
+  explicit GeneralFactor(const SparseColumns& matrix);
   ~GeneralFactor();
   GeneralFactor(const GeneralFactor&) = delete;
   GeneralFactor& operator=(const GeneralFactor&) = delete;
