@@ -255,7 +255,7 @@ def end(fields):
         (Quantile(jump, 0.9), JUMP.ppf(0.9)),
         (Quantile(Resultant("l0", "jump"), 0.1), JUMP.ppf(0.1)),
     ],
-    ids=str,
+    ids=["function", "probability", "largest", "quantile of a function", "quantile of a resultant"],
 )
 def test_any_number(quantity, exact):
     """Functions of the fields, probabilities and quantiles; 1 / k is lognormal."""
