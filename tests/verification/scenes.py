@@ -61,13 +61,14 @@ UNITS = {"N-mm": MM, "N-m": Units(1e-3), "kN-m": Units(1e-3, 1e-3)}
 @contextmanager
 def in_units(parts: dict[str, geometry.Part], units: Units) -> Iterator[None]:
     """Coordinates of the parts in other units, as long as the context lasts."""
+    nodes = {name: part.mesh.geometry.x.copy() for name, part in parts.items()}
     for part in parts.values():
         part.mesh.geometry.x[:] *= units.length
     try:
         yield
-    finally:
-        for part in parts.values():
-            part.mesh.geometry.x[:] /= units.length
+    finally:  # to the last bit: other tests share the meshes
+        for name, part in parts.items():
+            part.mesh.geometry.x[:] = nodes[name]
 
 
 def vessel(shape: BoltedVessel, units: Units = MM) -> Problem:
