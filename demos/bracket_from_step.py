@@ -133,9 +133,13 @@ def main() -> None:
         figures = lf.figures
         shown = {"bracket": 25.0, "bolt 1-": 45.0, "bolt 2-": 45.0, "bolt 1+": 60.0, "bolt 2+": 60.0}
         meshes = step.mesh(progress=False)
-        paths.append(figures.assembly_figure(meshes, out / "parts.png", lift=shown))
+        start = problem.interfaces["pull"].points.mean(axis=0) - [3.0, 0.0, 0.0]  # beside the wall's back
+        pull = [(start, start + 40.0 * np.array(LOAD) / np.linalg.norm(LOAD))]
+        paths.append(figures.assembly_figure(meshes, out / "parts.png", lift=shown, arrows=pull))
         label, limits = "von Mises stress (MPa)", (0.0, 200.0)
-        paths.append(figures.stress_figure(result, out / "mises.png", label=label, limits=limits))
+        paths.append(
+            figures.stress_figure(result, out / "mises.png", label=label, limits=limits, arrows=pull)
+        )
         paths.append(figures.interface_figure(result, FOOT, out / "pressure.png", label="pressure (MPa)"))
         paths.append(figures.interface_figure(result, FOOT, out / "state.png", quantity="state"))
         paths.append(
