@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import dolfinx_frontend
-from tests.helpers import printed_as_shown
+from tests.helpers import printed_as_shown, shown_blocks
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -71,10 +71,9 @@ def test_tutorial_of_the_kernel_shows_what_its_demo_prints(tmp_path: Path) -> No
     demo = DOCS.parent / "demos" / "raw_dolfinx.py"
     command = [sys.executable, str(demo), "--output", str(tmp_path)]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    blocks = re.findall(r"^```(\S*)\n(.*?)^```$", page, flags=re.M | re.S)
-    shown = [line for kind, block in blocks if not kind for line in block.splitlines()]
+    shown = "\n".join(shown_blocks(page)).splitlines()
     numbers = re.compile(r"-?\d\.?\d*e[+-]?\d+")  # residuals: rounding, which differs
-    assert [numbers.sub("#", line) for line in printed] == [numbers.sub("#", line) for line in shown[1:]]
+    assert [numbers.sub("#", line) for line in printed] == [numbers.sub("#", line) for line in shown]
     assert all(float(each) < 1e-8 for line in printed for each in numbers.findall(line))
     assert (tmp_path / "raw_dolfinx.png").exists() and (tmp_path / "raw_dolfinx_given.png").exists()
 
