@@ -109,7 +109,7 @@ print(f"relative difference to the direct solution: {difference:.1e}")
 assert summary.status == "converged" and difference < 1e-8 and 0 < (force[:, 0] < 0).sum() < m
 
 # [balance]
-ground = (stiffness[1] @ u["upper"][:, 0])[1::2].sum()  # springs alone resist a shift: what holds the block up
+ground = (stiffness[1] @ u["upper"][:, 0])[1::2].sum()  # only the springs resist a shift: what they hold
 left = ground - parts["upper"][2].sum() + weights @ force[:, 0]
 pulls, overlaps = max(force[:, 0].max(), 0.0), max(-(jump - force / kappa).min(), 0.0)
 print(f"balance of the upper block {left:.0e}, largest traction {pulls:.0e}, overlap {overlaps:.0e}")

@@ -51,11 +51,11 @@ def load_arrows(where: str, arrows: Arrows, by_point: bool) -> list[Solid]:
     SceneError
         Not two points (3,) each, or both the same.
     """
-    found = []
+    found, wanted = [], "give (start, end), each of three numbers"
     for each in arrows:
-        ends = checked_numbers(where, "arrows", each, "give (start, end), each of three numbers", dimensions=2)
+        ends = checked_numbers(where, "arrows", each, wanted, dimensions=2)
         if ends.shape != (2, 3) or not np.any(ends[0] != ends[1]):
-            raise SceneError(f"{where}: arrows has {short(each)}; give (start, end), each of three numbers")
+            raise SceneError(f"{where}: arrows has {short(each)}; {wanted}")
         found.append(arrow(ends[0], ends[1], rgb(LOAD_COLOUR), by_point))
     return found
 

@@ -106,7 +106,7 @@ def _section(mesh: Any, displacement: Any, scale: float, point: Array, normal: A
     d, key = np.take_along_axis(d, order, axis=1), np.take_along_axis(key, order, axis=1)
     x = np.take_along_axis(x, order[:, :, None], axis=1)
     triangles: list[Array] = []
-    pieces: list[tuple[Array, Ints]] = []  # sides of the sections, and the faces of the cells that they are in
+    pieces: list[tuple[Array, Ints]] = []  # sides of the sections, and the faces of cells they are in
 
     def side(mine: Any, ends: tuple[Array, Array], face: tuple[int, int, int]) -> None:
         pieces.append((np.stack(ends, axis=1), np.sort(key[mine][:, face], axis=1)))
@@ -131,9 +131,9 @@ def _section(mesh: Any, displacement: Any, scale: float, point: Array, normal: A
             continue
         corners = list(cut)
         triangles.append(np.stack([cut[c] for c in corners], axis=1))
-        for a, b in ((0, 1), (1, 2), (0, 2)):
-            face = tuple(sorted({*corners[a], *corners[b]}))
-            side(mine, (cut[corners[a]], cut[corners[b]]), (face[0], face[1], face[2]))
+        for one, other in ((corners[0], corners[1]), (corners[1], corners[2]), (corners[0], corners[2])):
+            i, j, k = sorted({*one, *other})
+            side(mine, (cut[one], cut[other]), (i, j, k))
     lines = np.concatenate([p for p, _ in pieces])
     faces = np.concatenate([f for _, f in pieces])
     _, index, times = np.unique(faces, axis=0, return_inverse=True, return_counts=True)

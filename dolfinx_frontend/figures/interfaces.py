@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["facet_corners", "interface_figure", "interface_map"]
 
 
-STATE_COLOURS = ("#d9d9d9", "#3b6fb6", "#e08214")
-"""Of open, closed and slipping contacts."""
+STATE_COLOURS = ("#fff3c4", "#3b6fb6", "#e08214")
+"""Of open, closed and slipping contacts; none is the grey of parts."""
 
 
 def interface_figure(
@@ -154,7 +154,8 @@ def interface_figure(
             assert plane is not None
             tone = rgb(KIND_COLOURS["free"]) * 0.5 + 0.5
             solids.append(as_points(cut_solid(result.displacement(name, step), scale, *plane, tone)))
-        solids += load_arrows("interface_figure", arrows, by_point=len(solids[0].colours) == len(solids[0].points))
+        by_point = len(solids[0].colours) == len(solids[0].points)
+        solids += load_arrows("interface_figure", arrows, by_point)
         direction = _onto(normal) if view is None else view
         ratio = draw_solid(figure, [axis], joined(solids), [direction], renderer)
         fit_height(figure, ratio, 5.1, 0.4, 5.4)
@@ -298,8 +299,8 @@ def interface_map(
         Of the colour bar, with the unit.
     facets
         Corners (k, 3 or 4, 2 or 3) of the facets that the points lie in (:func:`facet_corners`): the field is
-        then drawn on them, up to their border, linear in each and smoothed between them. None: over the hull of
-        the points.
+        then drawn on them, up to their border, linear in each and smoothed between them. None: over the hull
+        of the points.
     mirror
         Opening in radians of the symmetric sector 0 <= theta <= mirror that the points lie in;
         the whole circle is then drawn.
@@ -448,7 +449,7 @@ def _contours(axis: Any, places: Array, field: Array, triangles: Ints | None = N
     from matplotlib.ticker import MaxNLocator
     from matplotlib.tri import Triangulation
 
-    mesh = Triangulation(*places.T, triangles)
+    mesh = Triangulation(places[:, 0], places[:, 1], triangles)
     if triangles is None:
         corners = places[mesh.triangles]
         longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)

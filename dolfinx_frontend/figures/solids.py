@@ -314,7 +314,8 @@ def arrow(start: Sequence[float], end: Sequence[float], colour: Array, by_point:
     ends = np.full(24, 72), np.full(24, 73)
     bands = [(24 * k + i, 24 * k + j, 24 * k + 24 + j) for k in (0, 1)]
     bands += [(24 * k + i, 24 * k + 24 + j, 24 * k + 24 + i) for k in (0, 1)]
-    triangles = np.concatenate([np.column_stack(b) for b in [*bands, (i, j, ends[0]), (48 + i, 48 + j, ends[1])]])
+    bands += [(i, j, ends[0]), (48 + i, 48 + j, ends[1])]
+    triangles = np.concatenate([np.column_stack(band) for band in bands])
     colours = np.tile(colour, (len(points) if by_point else len(triangles), 1))
     none = np.empty((0, 2), dtype=np.int64)
     return Solid(points, triangles, colours, none, none)

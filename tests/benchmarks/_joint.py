@@ -77,7 +77,8 @@ def ours(demo: ModuleType, problem: Problem, rtol: float) -> tuple[dict[str, Arr
 
 def theirs(scene: Path) -> Any:
     """The answer of CalculiX; None if it is not there."""
-    script, file = Path(__file__).parent / "peers" / "calculix_lap.py", scene.with_name(f"{scene.stem}_ccx.npz")
+    script = Path(__file__).parent / "peers" / "calculix_lap.py"
+    file = scene.with_name(f"{scene.stem}_ccx.npz")
     command = [sys.executable, str(script), str(scene), str(file)]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode == MISSING:

@@ -41,7 +41,8 @@ def problem_of(demo: ModuleType, vessel: BoltedVessel) -> Problem:
 
 def what(vessel: BoltedVessel) -> dict[str, Any]:
     """The same in words, for another program."""
-    faces = {kind: [i for i in vessel.interfaces if i.kind == kind] for kind in ("perfect", "pressure", "symmetry")}
+    kinds = ("perfect", "pressure", "symmetry")
+    faces = {kind: [i for i in vessel.interfaces if i.kind == kind] for kind in kinds}
     return {
         "contacts": [("ring:top", "cover:joint")],
         "glued": [(i.face1, i.face2) for i in faces["perfect"]],
@@ -85,7 +86,8 @@ def sector_part(demo: ModuleType, size: str | float, n: int, solid: Any, folder:
     largest = max(float(np.abs(field).max()) for field in exact_u.values())
     began = perf_counter()
     sets = {"joint.friction": np.linspace(0.1, 0.3, n), "screw.jump": -SHORTENING * np.linspace(0.5, 1.5, n)}
-    swept = sweep(problem, sets, times=TIMES, options=Options(rtol=5e-5, max_iterations=10000), keep_fields=False)
+    loose = Options(rtol=5e-5, max_iterations=10000)
+    swept = sweep(problem, sets, times=TIMES, options=loose, keep_fields=False)
     many = perf_counter() - began
     record: dict[str, Any] = {
         "size": size,

@@ -19,8 +19,8 @@
   relative to the largest one, and ``error_force``, against a solution to 1e-10 of the same equations;
 * ``joint``: the lap joint with straight cells and bolts shortened by a jump, by us and by CalculiX on the
   same nodes and elements (``_joint.py``); for many sets of CalculiX the time of one run is taken as often;
-* ``sector``: the flange sector of ``demos/bolted_vessel.py`` with friction in true contact, its screw shortened by
-  a jump, then pressure; by us and by CalculiX on the same nodes and elements (``_sector.py``);
+* ``sector``: the flange sector of ``demos/bolted_vessel.py`` with friction in true contact, its screw
+  shortened by a jump, then pressure; by us and by CalculiX on the same nodes and elements (``_sector.py``);
 * in ``blocks``, for each of ``peers``: ``seconds`` (``setup_s`` + ``solve_s``: from arrays of nodes and cells
   to the solution; no time to start an interpreter, none to read or write files except for CalculiX, a program
   that reads files), ``max_difference`` of the displacements at all nodes, relative to the largest one, and

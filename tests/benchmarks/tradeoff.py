@@ -932,14 +932,13 @@ one number; its error is the larger of their true relative errors. The line is t
 be had for a given cost. A setting above the line or to its right wastes work. Stars are the settings that
 `solve(problem, accuracy=...)` chose.
 
-Two errors are shown separately. The pictures on the left show the error on the same mesh, against a much tighter
-solution; it depends on tolerance, chaos and method. Those on the right show the total error, against a much
+Two errors are shown separately. On the left is the error on the same mesh, against a much tighter
+solution; it depends on tolerance, chaos and method. On the right is the total error, against a much
 finer mesh. There the front becomes flat where the error of the mesh dominates; from that point on, tighter
 tolerances and higher orders gain nothing.
 
-So begin on the right and choose the mesh whose error is small enough. Then find the same error in
-the picture on the left (a third of it, if the sum of both must stay below the limit), and read the setting from
-the table.
+So begin on the right and choose the mesh whose error is small enough. Then find the same error on the
+left (a third of it, if the sum of both must stay below the limit), and read the setting from the table.
 
 A *unit* is one direct solution of the base mesh in the same run. Costs on the left do not include
 the assembly of the parts' matrices; those on the right include assembly and pairing. Some errors

@@ -209,7 +209,8 @@ def test_a_field_on_facets_ends_where_they_end() -> None:
     assert np.allclose(values, 2.0 + places[:, 0] - 3.0 * places[:, 1])
     assert len(places) < corners.shape[0] * corners.shape[1] and len(triangles) == len(corners)
     quads = np.array([[[0, 0], [1, 0], [0, 1], [1, 1]], [[1, 0], [2, 0], [1, 1], [2, 1]]], dtype=float)
-    places, values, triangles = interfaces._on_facets(np.array([[0.5, 0.5], [1.2, 0.1]]), np.array([1.0, 3.0]), quads)
+    at, field = np.array([[0.5, 0.5], [1.2, 0.1]]), np.array([1.0, 3.0])
+    places, values, triangles = interfaces._on_facets(at, field, quads)
     assert len(triangles) == 4 and np.allclose(values[places[:, 0] == 1.0], 2.0)  # between one value each
 
 

@@ -12,6 +12,7 @@ import sys
 import tarfile
 import tomllib
 import zipfile
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -285,7 +286,7 @@ def conda_recipe(**variables: str) -> Any:
     marks = {"variable_start_string": "${{", "variable_end_string": "}}"}
     fill = jinja2.Environment(undefined=jinja2.StrictUndefined, autoescape=False, **marks)
     names = {"PYTHON": "python", **recipe["context"], **variables}
-    names |= {"compiler": lambda language: f"{language}-compiler", "stdlib": lambda language: f"{language}-stdlib"}
+    names |= {name: partial("{1}-{0}".format, name) for name in ("compiler", "stdlib")}
 
     def filled(node: Any) -> Any:
         if isinstance(node, dict):
@@ -332,8 +333,9 @@ def test_conda_recipe_is_well_formed() -> None:
     assert set(recipe) == {"context", "package", "source", "build", "requirements", "tests", "about"}
     assert set(recipe["requirements"]) == {"build", "host", "run"}
     assert set(recipe["build"]) <= {"number", "skip", "script", "noarch"}
-    assert set(recipe["about"]) <= {"homepage", "repository", "summary", "description", "license", "license_file"}
-    specification = re.compile(r"[a-z0-9][a-z0-9._-]*( (\*|[<>=!]=?[0-9.]+(,[<>=!]=?[0-9.]+)*)( [a-z0-9_*]+)?)?")
+    assert set(recipe["about"]) <= {"homepage", "repository", "summary", "license", "license_file"}
+    bound = r"[<>=!]=?[0-9.]+"
+    specification = re.compile(rf"[a-z0-9][a-z0-9._-]*( (\*|{bound}(,{bound})*)( [a-z0-9_*]+)?)?")
     for section in recipe["requirements"].values():
         for each in section:
             assert specification.fullmatch(each), each
@@ -399,7 +401,8 @@ def test_what_the_container_copies_is_enough(tmp_path: Path) -> None:
                 shutil.copytree(ROOT / name, base, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
             else:
                 shutil.copy(ROOT / name, base)
-    call(["cmake", "-S", str(target), "-B", str(tmp_path / "build"), f"-DPython_EXECUTABLE={sys.executable}"], tmp_path)
+    python = f"-DPython_EXECUTABLE={sys.executable}"
+    call(["cmake", "-S", str(target), "-B", str(tmp_path / "build"), python], tmp_path)
     script = "import scikit_build_core.build as b; print(b.prepare_metadata_for_build_wheel('.'))"
     call([sys.executable, "-c", script], target)
     (metadata,) = target.glob("*.dist-info")

@@ -2,10 +2,11 @@
 
 The scene (npz) has the bodies as in ``exchange``, and as json in ``joint``: ``contacts``, ``glued`` and
 ``cuts`` (pairs of faces "body:face"; glued ones and cuts match node for node), ``friction``, ``shortening``
-of the cuts along z in the first step, ``planes`` (faces held along y), ``oblique`` (``faces`` held along the
-normal of the plane at ``angle`` to x), ``supports`` (faces held along z), ``held`` (faces held); for the second
-step ``pulled`` (a face held, and moved by ``pull`` along x) and ``pressures`` (of faces). What is glued and cut is
-tied by equations, node by node; the shortening belongs to a node of its own in those of the cuts.
+of the cuts along z in the first step, ``planes`` (faces held along y), ``oblique`` (``faces`` held along
+the normal of the plane at ``angle`` to x), ``supports`` (faces held along z), ``held`` (faces held); for the
+second step ``pulled`` (a face held, and moved by ``pull`` along x) and ``pressures`` (of faces). What is
+glued and cut is tied by equations, node by node; the shortening belongs to a node of its own in those of the
+cuts.
 
 Elements and contact are those of ``calculix_contact``.
 
