@@ -37,12 +37,13 @@ from make_bracket_step import HEIGHT, make_bracket
 import dolfinx_frontend as lf
 
 OUTPUT = Path(__file__).resolve().parents[1] / "build" / "output" / "bracket_from_step"
+
+# [read]
 PRELOAD, FRICTION, LOAD = 15e3, 0.15, (0.0, 1500.0, 400.0)
 BOLTS = ("bolt 1-|bolt 1+", "bolt 2-|bolt 2+")
 FOOT = "bracket|base"
 
 
-# [read]
 def read(file: Path, size: float) -> lf.StepAssembly:
     """The STEP file with its materials, mesh sizes and laws."""
     step = lf.read_step(file, cuts=lf.Cut("bolt *", normal=(0, 0, 1), through=(0, 0, 4)))

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import make_bracket_step
 import pytest
 
 import dolfinx_frontend
@@ -107,6 +108,32 @@ def test_messages_are_those_of_the_code() -> None:
     assert len(messages) > 25
     for message in messages:
         assert all(piece in texts for piece in message.split(" ... ")), message
+
+
+def test_tutorials_show_their_demos() -> None:
+    """What a tutorial shows of a script stands there, and is readable where directives are not."""
+    demos = "\n".join(demo.read_text() for demo in (DOCS.parent / "demos").glob("*.py"))
+    shown = 0
+    for page in sorted((DOCS / "tutorials").glob("*.md")):
+        text = page.read_text()
+        assert "{figure}" not in text and ":start-after:" not in text, page
+        for block in re.findall(r"^```python\n(.*?)^```$", text, flags=re.M | re.S):
+            if not block.startswith("import "):  # a script of its own
+                assert block in demos, f"{page.name} shows what is in no demo:\n{block}"
+                shown += 1
+    assert shown > 10
+
+
+def test_script_for_a_file_of_ones_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (DOCS / "tutorials" / "bracket.md").read_text()
+    (script,) = re.findall(r"^```python\n(import .*?)^```$", text, flags=re.M | re.S)
+    monkeypatch.chdir(tmp_path)
+    make_bracket_step.make_bracket("bracket.step")
+    exec(compile(script, "bracket.md", "exec"), {"__name__": "docs"})
+    printed = capsys.readouterr().out
+    assert "bracket|base " in printed and "P(slip) = " in printed and "bolt 2-|bolt 2+" in printed
 
 
 def test_every_demo_is_a_tutorial() -> None:
