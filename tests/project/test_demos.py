@@ -65,6 +65,7 @@ WRITTEN = {
         "flange.step",
         "flange.vtm",
         "flange.png",
+        "gasket.png",
         "deformed.png",
         "tightening.png",
         "leak.png",
