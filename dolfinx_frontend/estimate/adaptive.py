@@ -59,7 +59,7 @@ from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_c
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["solve_to_accuracy", "tight_enough", "with_errors"]
+__all__ = ["of_power", "solve_to_accuracy", "tight_enough", "with_errors"]
 
 _log = logging.getLogger(__name__)
 
@@ -417,7 +417,7 @@ class _Search:
             change = change_of(before, self.result.mean_std(quantity), _reached(self.result), quantity)
             if isfinite(change_before) and change_before > 0.0:
                 fall = change / change_before
-            left, change_before = change * _tail(fall, chaos.order), change
+            left, change_before = change * of_power(fall, chaos.order), change
         raise AssertionError
 
     def _wider(self) -> Chaos | None:
@@ -542,7 +542,7 @@ class _Search:
         return self._found(_errors_of_chaos(self.result, None, left, 1.0))
 
 
-def _tail(fall: float, order: int) -> float:
+def of_power(fall: float, order: int) -> float:
     """What the degrees above `order` still change, relative to the change by that one, which was `fall` times
     the change before: at least as much.
 

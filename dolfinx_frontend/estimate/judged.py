@@ -55,7 +55,7 @@ from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["Judged"]
+__all__ = ["MARGIN", "Judged"]
 
 _log = logging.getLogger(__name__)
 
