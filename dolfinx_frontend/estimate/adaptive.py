@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from math import isfinite
+from math import isfinite, log
 from time import perf_counter
 from typing import Literal, TypeVar
 
@@ -549,7 +549,7 @@ def of_power(fall: float, order: int) -> float:
     Falls get slower with the degree where a quantity is nearly singular (the inverse of a sum of gamma
     variables): changes like n^-(p + 1) leave n / p times the last one.
     """
-    power = -np.log(min(max(fall, 1e-12), 1.0)) / np.log(order / (order - 1.0)) - 1.0
+    power = -log(min(max(fall, 1e-12), 1.0)) / log(order / (order - 1.0)) - 1.0
     return max(order / max(power, LEAST_POWER), 1.0)
 
 

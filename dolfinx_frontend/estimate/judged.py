@@ -487,7 +487,8 @@ class Judged:
                 self.of_first = self._first_chaos(self.first, method, options, settings)
             assert self.problem is not None
             if self._by_points(method, options, settings):
-                return self.said <= self.target
+                whole = self.said + (self.fine.made.total if self.fine is not None else np.inf)
+                return self.said <= self.target or whole <= self.accuracy
             old, self.chaos = self.chaos, self._chaos_on(self.problem, method, options, settings)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)
