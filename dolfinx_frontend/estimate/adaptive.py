@@ -549,6 +549,7 @@ def of_power(fall: float, order: int) -> float:
     Falls get slower with the degree where a quantity is nearly singular (the inverse of a sum of gamma
     variables): changes like n^-(p + 1) leave n / p times the last one.
     """
+    order = max(order, 2)  # a law of two values has no degree 2
     power = -log(min(max(fall, 1e-12), 1.0)) / log(order / (order - 1.0)) - 1.0
     return max(order / max(power, LEAST_POWER), 1.0)
 

@@ -11,6 +11,7 @@ from dolfinx_frontend import (
     Chaos,
     Contact,
     Elastic,
+    FromSamples,
     Gamma,
     LinearElastic,
     LogNormal,
@@ -113,6 +114,15 @@ def test_chaoses_that_fall_like_a_power_of_the_degree(means, accuracy):
     assert made.reached
     true = off(result.mean_std(quantity), FORCE / whole * first, FORCE / whole * np.sqrt(variance))
     assert true <= made.total
+
+
+def test_laws_of_two_values():
+    """Their polynomials end with degree 1."""
+    problem = layers(FromSamples("k", [30.0, 50.0]))
+    found = solve(problem, accuracy=1e-3, quantity=Resultant("l0", "jump"), meshes=False)
+    values = FORCE / np.array([30.0, 50.0])
+    assert off(found.mean_std(Resultant("l0", "jump")), values.mean(), values.std()) <= 1e-3
+    assert found.errors().reached
 
 
 def test_what_a_power_leaves():
