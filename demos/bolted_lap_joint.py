@@ -517,8 +517,11 @@ def main(given: Sequence[str] | None = None) -> None:
         paths.append(io.write_fields(result, output / f"{name}.vtm", step=step))
     paths.append(io.write_interfaces(result, output / "interfaces.pvd"))
     if not options.no_figures:
+        x, y, z = joint.parts["upper"].mesh.geometry.x.max(axis=0)
+        grip = (float(x), float(y) / 2, float(z) / 2)
+        pull = [(grip, (grip[0] + 25.0, *grip[1:]))]
         paths += [
-            figures.assembly_figure(joint, output / "joint.png"),
+            figures.assembly_figure(joint, output / "joint.png", arrows=pull),
             figures.interface_figure(
                 result, "plates", output / "pressure.png", step=0, label="pressure between the plates (MPa)"
             ),

@@ -607,7 +607,7 @@ def chaos_figures(
             figures.deformed_figure(
                 displacements,
                 output / f"figure_8_{name}.png",
-                title=f"{name}, {title}; cover lifted off",
+                title=title,
                 label=f"|{name}| (mm)",
                 lift={"cover": 40.0, "head": 40.0},
             )
@@ -624,7 +624,7 @@ def chaos_figures(
             samples=samples.values,
             samples_label=f"Monte Carlo, {len(samples)} samples",
             threshold=0.0,
-            title="To the right of 0 the joint is in traction somewhere",
+            title=f"P(traction somewhere) = {samples.probability(above=0.0)}",
         )
     )
     return written
@@ -647,7 +647,6 @@ def vessel_figures(
         figures.assembly_figure(
             vessel,
             output / "figure_3_4_assembly.png",
-            title="1/16 of the vessel: 6 parts, lifted apart, and their 20 interfaces",
         ),
         figures.interface_map(
             joint.points,
@@ -655,7 +654,6 @@ def vessel_figures(
             output / "figure_6_joint_stress.png",
             "normal stress on the joint (MPa)",
             mirror=np.pi / vessel.parameters["n_screws"],
-            title="Joint at the mean stiffnesses: compression is negative",
         ),
     ]
     for number, (name, surface) in enumerate(surfaces.items(), start=1):

@@ -32,17 +32,18 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from make_bracket_step import make_bracket
+from make_bracket_step import HEIGHT, make_bracket
 
 import dolfinx_frontend as lf
 
 OUTPUT = Path(__file__).resolve().parents[1] / "build" / "output" / "bracket_from_step"
+
+# [read]
 PRELOAD, FRICTION, LOAD = 15e3, 0.15, (0.0, 1500.0, 400.0)
 BOLTS = ("bolt 1-|bolt 1+", "bolt 2-|bolt 2+")
 FOOT = "bracket|base"
 
 
-# [read]
 def read(file: Path, size: float) -> lf.StepAssembly:
     """The STEP file with its materials, mesh sizes and laws."""
     step = lf.read_step(file, cuts=lf.Cut("bolt *", normal=(0, 0, 1), through=(0, 0, 4)))
@@ -133,9 +134,13 @@ def main() -> None:
         figures = lf.figures
         shown = {"bracket": 25.0, "bolt 1-": 45.0, "bolt 2-": 45.0, "bolt 1+": 60.0, "bolt 2+": 60.0}
         meshes = step.mesh(progress=False)
-        paths.append(figures.assembly_figure(meshes, out / "parts.png", lift=shown))
+        start = np.array([-3.0, 0.0, HEIGHT / 2])  # beside the wall's back
+        pull = [(start, start + 40.0 * np.array(LOAD) / np.linalg.norm(LOAD))]
+        paths.append(figures.assembly_figure(meshes, out / "parts.png", lift=shown, arrows=pull))
         label, limits = "von Mises stress (MPa)", (0.0, 200.0)
-        paths.append(figures.stress_figure(result, out / "mises.png", label=label, limits=limits))
+        paths.append(
+            figures.stress_figure(result, out / "mises.png", label=label, limits=limits, arrows=pull)
+        )
         paths.append(figures.interface_figure(result, FOOT, out / "pressure.png", label="pressure (MPa)"))
         paths.append(figures.interface_figure(result, FOOT, out / "state.png", quantity="state"))
         paths.append(

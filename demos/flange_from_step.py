@@ -277,6 +277,19 @@ def exploded(assembly: Assembly, path: Path) -> Path:
     return figures.assembly_figure(shown, path, lift=lift)
 
 
+def cut_open(result: HistoryResult, path: Path) -> Path:
+    """Pressure on the gasket with the load, what lies on it cut open in front."""
+    return figures.interface_figure(
+        result,
+        SEAT,
+        path,
+        label="pressure on the gasket (MPa)",
+        scale=20.0,
+        cut=((0.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+        view=(-0.35, -1.0, 0.75),
+    )
+
+
 def leak_figure(least: Any, forces: Array, path: Path) -> Path:
     """Distribution of the least gasket pressure with the probability of a leak, and what it depends on."""
     figure = Figure(figsize=(10.0, 4.0), layout="constrained")
@@ -467,6 +480,7 @@ one bolt tighter, gasket        {shape_error:9.1e} of the mean pressure""")
         paths.append(tightening_figure(sequence, result, steps, given.output / "tightening.png"))
         paths.append(leak_figure(least, preloads, given.output / "leak.png"))
         paths.append(exploded(assembly, given.output / "flange.png"))
+        paths.append(cut_open(result, given.output / "gasket.png"))
         moved = {name: result.displacement(name) for name in assembly.parts}
         title = f"with {PRESSURE:g} MPa inside"
         paths.append(figures.deformed_figure(moved, given.output / "deformed.png", scale=10.0, title=title))

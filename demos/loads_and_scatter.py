@@ -76,11 +76,9 @@ def temperature(folder: Path | None) -> list[Checked]:
     force = result.readings("head[bolt:z1]").interfaces["head[bolt:z1]"].values["force_z"]
     exact = (23e-6 - 12e-6) * dT / (1 / (200e3 * 100) + 1 / (70e3 * 400))
     if folder is not None:
-        stress = {name: result.stress(name).x.array.reshape(-1, 9)[:, 8].mean() for name in parts}
-        told = ", ".join(f"{value:+.1f} MPa in the {name}" for name, value in stress.items())
         figures.deformed_figure(
             result, folder / "temperature.png", label="u_z (mm)", quantity=lambda u: u[:, 2],
-            title=f"100 K warmer under one head: {told}",
+            title="100 K warmer",
         )
     return [Checked("temperature: force of the bolt (N)", abs(force), exact, 1e-8)]
 
@@ -101,7 +99,7 @@ def remote_force(folder: Path | None) -> list[Checked]:
     if folder is not None:
         figures.deformed_figure(
             result, folder / "remote_force.png", view=(-0.35, -1.0, 0.3),
-            title="100 N at a point 60 mm beyond a rigid end face",
+            title="100 N beyond a rigid end face", arrows=[((140, 5, 22), (140, 5, 5))],
         )
     return [
         Checked("loads: force at the root (N)", abs(root["force_z"]), 100.0, 1e-8),

@@ -84,7 +84,7 @@ truncation error of the joint force {100 * truncation.sample:.2f} % of its devia
 difference to monolithic SSFEM      {error:.1e} (energy norm, all coefficients)""")
 
 if not given.no_figures:
-    points = problem.interfaces["joint"].points
+    points, corners = problem.interfaces["joint"].points, figures.facet_corners(problem, "joint")
     given.output.mkdir(parents=True, exist_ok=True)
     for index in range(2):
         path = figures.interface_map(
@@ -92,13 +92,14 @@ if not given.no_figures:
             modes.functions[:, index] * np.sqrt(modes.eigenvalues[index]),
             given.output / f"mode{index + 1}.png",
             f"Karhunen-Loeve mode {index + 1} (-)",
+            facets=corners,
         )
         print(f"wrote {path.name}")
     for values, name, label in (
         (stress, "mean", "mean normal stress (MPa)"),
         (deviation, "deviation", "standard deviation of the normal stress (MPa)"),
     ):
-        path = figures.interface_map(points, values, given.output / f"{name}.png", label)
+        path = figures.interface_map(points, values, given.output / f"{name}.png", label, facets=corners)
         print(f"wrote {path.name}")
     x, density = largest.density()
     path = figures.density_figure(

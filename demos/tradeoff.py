@@ -17,7 +17,7 @@ Method
     same run.
 
 Answers
-    A table for each scene, and a figure: error against cost, with the front of the best settings. To read the
+    A table and a figure for each scene: error against cost, with the front of the best settings. To read the
     figure, start from the accuracy that you need: the front shows the least cost at which it can be had. One
     picture shows errors on the same mesh, the other total errors (including that of the mesh), because a
     tolerance far below the error of the mesh gains nothing.
@@ -91,8 +91,8 @@ def main(given: Sequence[str] | None = None) -> None:
         print(f"\n{progress.count} runs in {perf_counter() - progress.began:.0f} s")
     bench.report(record)
     if not options.no_figures:
-        path = bench.figure(record, options.output / "tradeoff.png")
-        print(f"\nwrote {path.name} to {options.output}")
+        paths = bench.figure(record, options.output)
+        print(f"\nwrote {', '.join(path.name for path in paths)} to {options.output}")
     check(record)
     print("all checks passed")
 

@@ -218,7 +218,8 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "solving": (),
     "io": ("facets", "paraview"),
-    "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "stresses", "curves", "joints"),
+    "figures": ("render", "canvas", "solids", "cuts", "assemblies", "interfaces", "stresses", "curves",
+                "joints"),
     "sheets": (
         "names",
         "clamping",

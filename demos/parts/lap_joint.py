@@ -6,8 +6,9 @@ Units are those of the dimensions, millimetres by default.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -17,6 +18,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session, refine_around
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
+from dolfinx_frontend.geometry.sizes import SizeField
 from parts.faces import name_faces
 
 __all__ = ["LapJoint", "LapShape", "lap_joint"]
@@ -157,9 +159,9 @@ def lap_joint(size: str | float = "coarse", *, geometry_order: int = 2, **dimens
         raise SceneError(f"lap_joint: size = {size} must be positive and finite")
     parts: dict[str, Part] = {}
     for name in ("lower", "upper"):
-        parts |= _plate(shape, name, size, geometry_order)
+        parts |= _meshed_again(partial(_plate, shape, name, size, geometry_order))
     for number in (1, 2):
-        parts |= _bolt(shape, number, size, geometry_order)
+        parts |= _meshed_again(partial(_bolt, shape, number, size, geometry_order))
     interfaces = [Connection("plates", "contact", "lower:lap", "upper:lap")]
     for n in (1, 2):
         interfaces += [
@@ -177,7 +179,21 @@ def lap_joint(size: str | float = "coarse", *, geometry_order: int = 2, **dimens
     return LapJoint(parts, tuple(interfaces), MappingProxyType(parameters))
 
 
-def _plate(shape: LapShape, name: str, size: float, order: int) -> dict[str, Part]:
+def _meshed_again(mesh: Callable[..., dict[str, Part]]) -> dict[str, Part]:
+    """Parts that `mesh` makes, each of which it can make with other sizes."""
+
+    def again(name: str, sizes: SizeField | None) -> Part:
+        return mesh(sizes)[name]
+
+    return {
+        name: Part(part.mesh, part.facet_tags, part.names, partial(again, name))
+        for name, part in mesh().items()
+    }
+
+
+def _plate(
+    shape: LapShape, name: str, size: float, order: int, sizes: SizeField | None = None
+) -> dict[str, Part]:
     """One plate, in several volumes so that the rim of the seats is a line of the mesh."""
     sign = -1.0 if name == "lower" else 1.0
     half, t, y = shape.overlap / 2, shape.thickness, shape.width / 2
@@ -198,10 +214,12 @@ def _plate(shape: LapShape, name: str, size: float, order: int) -> dict[str, Par
         occ.synchronize()
         tags = [tag for _, tag in pieces]
         # the meshes of the two plates shall not match
-        return _meshed(gmsh.model, shape, {name: tags}, size if sign < 0 else 1.2 * size, order)
+        return _meshed(gmsh, shape, {name: tags}, size if sign < 0 else 1.2 * size, order, sizes)
 
 
-def _bolt(shape: LapShape, number: int, size: float, order: int) -> dict[str, Part]:
+def _bolt(
+    shape: LapShape, number: int, size: float, order: int, sizes: SizeField | None = None
+) -> dict[str, Part]:
     """Head, shank and nut of one bolt; they share the nodes of their common faces."""
     t, x = shape.thickness, shape.bolts[number - 1]
     low, high = -t - shape.head_height, t + shape.head_height
@@ -222,24 +240,33 @@ def _bolt(shape: LapShape, number: int, size: float, order: int) -> dict[str, Pa
         names = ["head"] * len(head) + ["nut"] * len(nut) + ["shank"] * len(shank)
         for name, piece in zip(names, pieces, strict=True):
             volumes.setdefault(f"{name}{number}", []).extend(tag for _, tag in piece)
-        return _meshed(gmsh.model, shape, volumes, size, order)
+        return _meshed(gmsh, shape, volumes, size, order, sizes)
 
 
 def _meshed(
-    model: Any, shape: LapShape, volumes: Mapping[str, Sequence[int]], size: float, order: int
+    gmsh: Any,
+    shape: LapShape,
+    volumes: Mapping[str, Sequence[int]],
+    size: float,
+    order: int,
+    sizes: SizeField | None,
 ) -> dict[str, Part]:
     """Mesh the volumes, name their faces, and make parts of them."""
+    model = gmsh.model
     for name, tags in volumes.items():
         model.addPhysicalGroup(3, tags, name=name)
-    refine_around(
-        model,
-        shape.bolts,
-        shape.head_radius,
-        size,
-        # at least three cells along a half circle, or curved cells fold
-        smallest=min(0.7 * size, 1.05 * shape.bolt_radius),
-        reach=shape.head_radius,
-    )
+    if sizes is None:
+        refine_around(
+            model,
+            shape.bolts,
+            shape.head_radius,
+            size,
+            # at least three cells along a half circle, or curved cells fold
+            smallest=min(0.7 * size, 1.05 * shape.bolt_radius),
+            reach=shape.head_radius,
+        )
+    else:
+        sizes.set(gmsh)
     try:
         model.mesh.generate(3)
         if order == 2:

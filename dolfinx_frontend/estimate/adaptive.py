@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from math import isfinite
+from math import isfinite, log
 from time import perf_counter
 from typing import Literal, TypeVar
 
@@ -59,7 +59,7 @@ from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_c
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["solve_to_accuracy", "tight_enough", "with_errors"]
+__all__ = ["of_power", "solve_to_accuracy", "tight_enough", "with_errors"]
 
 _log = logging.getLogger(__name__)
 
@@ -76,6 +76,9 @@ FEW_GERMS = 3
 
 STEPS = 6
 """Times that a chaos is enlarged by the next degree in every germ and compared with its witnesses."""
+
+LEAST_POWER = 0.5
+"""Power of the degree with which the error of a chaos falls at least."""
 
 EIGENVECTORS = 3e-9
 """Seconds that the eigenvectors of a matrix of n rows take, over n^3."""
@@ -281,6 +284,7 @@ class _Search:
         self.of_meshes = of_meshes
         self.of_fields: ErrorShare | None = None
         self.seen: Witnesses | None = None
+        self.falls: list[float] = []
         self.per_point = np.inf
         self.notes: tuple[str, ...] = ()
 
@@ -384,6 +388,7 @@ class _Search:
     def _witnessed(self, quantity: Wanted, left: float) -> Errors:
         """The chaos enlarged by the next degree in every germ, once at least, until that changes little and
         witnesses that are solved on their own agree with it."""
+        change_before, fall = np.nan, max(self.falls[-2:], default=SLOWEST)
         for step in range(STEPS):
             made = replace(_errors_of_chaos(self.result, quantity, left, self.gain), field=self.of_fields)
             seen = self.seen
@@ -410,7 +415,9 @@ class _Search:
                 self.notes += (f"the chaos cannot grow: {str(error).splitlines()[0]}",)
                 return made
             change = change_of(before, self.result.mean_std(quantity), _reached(self.result), quantity)
-            left = change  # what is left is less, if it falls to a half at least
+            if isfinite(change_before) and change_before > 0.0:
+                fall = change / change_before
+            left, change_before = change * of_power(fall, chaos.order), change
         raise AssertionError
 
     def _wider(self) -> Chaos | None:
@@ -512,6 +519,7 @@ class _Search:
                 fall = float(np.clip(_decay(self.result, quantity), UNKNOWN, SLOWEST))
             left = change * fall / (1.0 - fall)
             change_before = change
+            self.falls.append(fall)
         return left, stalled
 
     def _next(self, curved: bool) -> Chaos | None:
@@ -532,6 +540,18 @@ class _Search:
         """A chaos that converges too slowly, of which no quantity is asked."""
         left = by_solves(self.result, None).energy
         return self._found(_errors_of_chaos(self.result, None, left, 1.0))
+
+
+def of_power(fall: float, order: int) -> float:
+    """What the degrees above `order` still change, relative to the change by that one, which was `fall` times
+    the change before: at least as much.
+
+    Falls get slower with the degree where a quantity is nearly singular (the inverse of a sum of gamma
+    variables): changes like n^-(p + 1) leave n / p times the last one.
+    """
+    order = max(order, 2)  # a law of two values has no degree 2
+    power = -log(min(max(fall, 1e-12), 1.0)) / log(order / (order - 1.0)) - 1.0
+    return max(order / max(power, LEAST_POWER), 1.0)
 
 
 def _reached(result: Result) -> float:

@@ -55,7 +55,7 @@ from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["Judged"]
+__all__ = ["MARGIN", "Judged"]
 
 _log = logging.getLogger(__name__)
 
@@ -487,7 +487,8 @@ class Judged:
                 self.of_first = self._first_chaos(self.first, method, options, settings)
             assert self.problem is not None
             if self._by_points(method, options, settings):
-                return self.said <= self.target
+                whole = self.said + (self.fine.made.total if self.fine is not None else np.inf)
+                return self.said <= self.target or whole <= self.accuracy
             old, self.chaos = self.chaos, self._chaos_on(self.problem, method, options, settings)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)

@@ -30,7 +30,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough, with_errors
 from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with, not_known
 from dolfinx_frontend.estimate.finer import finer
-from dolfinx_frontend.estimate.judged import Judged
+from dolfinx_frontend.estimate.judged import MARGIN, Judged
 from dolfinx_frontend.estimate.levels import of_two_meshes
 from dolfinx_frontend.estimate.zones import soft_springs
 from dolfinx_frontend.plan.plan import Direction, Method
@@ -278,6 +278,8 @@ class _Meshes(Judged):
             return None
         said = self.said if isfinite(self.said) and self.said > 0.0 else np.inf
         fall = float(np.clip(AIM * self.target / said, FALL, 0.5))
+        if len(self.steps) > 1 and MARGIN * self.estimates[-1] <= AIM * self.target:
+            fall = 0.5  # one more mesh confirms it, if only the change to this one says otherwise
         if self.quantity is None:
             fall *= fall  # squares of the energy norm
         large = [name for name, each in self.unseen.items() if each > MATTERS * self.target]

@@ -9,7 +9,7 @@ where VTK cannot, more coarsely.
 
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS, assembly_figure, deformed_figure
 from dolfinx_frontend.figures.curves import convergence_figure, density_figure, response_surface
-from dolfinx_frontend.figures.interfaces import interface_figure, interface_map
+from dolfinx_frontend.figures.interfaces import facet_corners, interface_figure, interface_map
 from dolfinx_frontend.figures.joints import joint_diagram
 from dolfinx_frontend.figures.solids import RenderError
 from dolfinx_frontend.figures.stresses import stress_figure
@@ -21,6 +21,7 @@ __all__ = [
     "convergence_figure",
     "deformed_figure",
     "density_figure",
+    "facet_corners",
     "interface_figure",
     "interface_map",
     "joint_diagram",

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_frontend.common.checks import check_kind, checked_number
+from dolfinx_frontend.common.checks import check_kind, checked_number, checked_numbers
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Answer, check_answer
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import vertex_nodes
-from dolfinx_frontend.figures.canvas import plane_axes, rgb, round_down, save, sheet
-from dolfinx_frontend.figures.solids import Skin, draw_solid, joined, outline, skin_of
+from dolfinx_frontend.figures.canvas import fit_height, plane_axes, rgb, round_down, save, sheet
+from dolfinx_frontend.figures.solids import Skin, Solid, arrow, draw_solid, joined, outline, skin_of
 from dolfinx_frontend.geometry.parts import Assembly
 
 __all__ = ["KIND_COLOURS", "assembly_figure", "deformed_figure"]
@@ -33,6 +33,31 @@ KIND_COLOURS = {
     "free": "#8b9199",
 }
 """Colour of a face by the kind of its interface: the kinds of the paper, and three more."""
+
+LOAD_COLOUR = "#b00020"
+"""Of the arrows of loads."""
+
+Arrows = Sequence[tuple[Sequence[float], Sequence[float]]]
+"""Arrows of loads: where each starts and ends."""
+
+_ABOVE, _BELOW = (-0.45, -1.0, 0.45), (-0.7, 0.8, -0.4)
+
+
+def load_arrows(where: str, arrows: Arrows, by_point: bool) -> list[Solid]:
+    """What draws them, in colours of points or of triangles.
+
+    Raises
+    ------
+    SceneError
+        Not two points (3,) each, or both the same.
+    """
+    found, wanted = [], "give (start, end), each of three numbers"
+    for each in arrows:
+        ends = checked_numbers(where, "arrows", each, wanted, dimensions=2)
+        if ends.shape != (2, 3) or not np.any(ends[0] != ends[1]):
+            raise SceneError(f"{where}: arrows has {short(each)}; {wanted}")
+        found.append(arrow(ends[0], ends[1], rgb(LOAD_COLOUR), by_point))
+    return found
 
 
 def _stacked(heights: Mapping[str, tuple[float, float]], gap: float) -> dict[str, float]:
@@ -52,10 +77,13 @@ def assembly_figure(
     *,
     explode: float = 0.08,
     lift: Mapping[str, float] | None = None,
+    arrows: Arrows = (),
     title: str | None = None,
     renderer: str = "auto",
 ) -> Path:
     """The parts, their meshes, and their faces coloured by the kind of their interface.
+
+    Solids that are lifted apart are drawn assembled as well.
 
     Parameters
     ----------
@@ -68,6 +96,8 @@ def assembly_figure(
         assembly; 0 leaves them in place.
     lift
         Part -> shift along z, instead of `explode`; parts that are not named stay in place.
+    arrows
+        Of loads on the assembled solid: where each starts and ends, ``((x, y, z), (x, y, z))``.
     title
         Above the figure.
     renderer
@@ -96,20 +126,29 @@ def assembly_figure(
         shifts |= lift
     elif explode:
         shifts = _stacked(bounds, explode * height)
-    solids = []
+    together, apart = [], []
     for name, part in assembly.parts.items():
         tags = {int(f): int(t) for f, t in zip(part.facet_tags.indices, part.facet_tags.values)}
         skin, facets = skin_of(part.mesh, tags)
         colour = {t: rgb(_face_colour(kind_of, f"{name}:{face}")) for face, t in part.names.items()}
         by_patch = np.stack([colour[tags[int(f)]] for f in facets])
-        solids.append(skin.solid(skin.points + [0.0, 0.0, shifts[name]], by_patch[skin.patch]))
-    figure = sheet(7.5, 6.5)
-    axes = figure.subplots(1, 2)
+        together.append(skin.solid(skin.points, by_patch[skin.patch]))
+        apart.append(skin.solid(skin.points + [0.0, 0.0, shifts[name]], by_patch[skin.patch]))
+    together += load_arrows("assembly_figure", arrows, by_point=False)
+    lifted = any(shifts.values())
+    figure = sheet(10.0 if lifted else 7.0, 6.0)
+    axes = figure.subplots(1, 3 if lifted else 2)
     if title:
         figure.suptitle(title)
-    draw_solid(figure, axes, joined(solids), [(-0.45, -1.0, 0.45), (-0.7, 0.8, -0.4)], renderer)
-    for axis, label in zip(axes, ("from above", "other side, from below")):
-        axis.set_title(label, fontsize=10)
+    if lifted:
+        ratio = draw_solid(figure, axes[:1], joined(together), [_ABOVE], renderer)
+        ratio = max(ratio, draw_solid(figure, axes[1:], joined(apart), [_ABOVE, _BELOW], renderer))
+    else:
+        ratio = draw_solid(figure, axes, joined(together), [_ABOVE, _BELOW], renderer)
+    labels = ("assembled", "lifted apart", "from below")
+    for axis, label in zip(axes, labels if lifted else ("from above", "other side, from below")):
+        axis.set_title(label, fontsize=12)
+    fit_height(figure, ratio, 3.2, 1.3 if title else 0.9, 7.5)
     _kind_legend(figure, assembly, kind_of)
     return save(figure, path)
 
@@ -127,7 +166,9 @@ def _kind_legend(figure: Any, assembly: Assembly, kind_of: Mapping[str, str]) ->
         for kind, colour in KIND_COLOURS.items()
         if kind in kinds
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncol=len(handles), frameon=False)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncol=len(handles), frameon=False, fontsize=12
+    )
 
 
 def _plane_assembly(
@@ -166,6 +207,7 @@ def deformed_figure(
     quantity: Callable[[Array], Array] | None = None,
     view: Sequence[float] = (-0.45, -1.0, 0.45),
     lift: Mapping[str, float] | None = None,
+    arrows: Arrows = (),
     title: str | None = None,
     renderer: str = "auto",
 ) -> Path:
@@ -191,6 +233,8 @@ def deformed_figure(
     lift
         Part -> shift along the last axis before it is drawn: parts on elastic interfaces overlap
         where magnified displacements close them. Needs displacements by name.
+    arrows
+        Of loads on solids: where each starts and ends, ``((x, y, z), (x, y, z))``.
     title, renderer
         As in :func:`assembly_figure`.
     """
@@ -200,7 +244,7 @@ def deformed_figure(
     colours = [np.asarray(shown(s.values), dtype=float) for s in skins if s.values is not None]
     return draw_coloured(
         names, skins, colours, path, scale=scale, label=label, view=view, lift=lift, title=title,
-        renderer=renderer,
+        renderer=renderer, arrows=arrows,
     )  # fmt: skip
 
 
@@ -217,6 +261,7 @@ def draw_coloured(
     title: str | None,
     renderer: str,
     limits: tuple[float, float] | None = None,
+    arrows: Arrows = (),
 ) -> Path:
     """Skins whose values are displacements, moved by them, in colours of numbers at their points."""
     from matplotlib import colormaps
@@ -250,7 +295,8 @@ def draw_coloured(
         else:
             solids.append(skin.solid(points, map_(norm(field))[:, :3]))
     if solids:
-        draw_solid(figure, [axis], joined(solids), [view], renderer)
+        solids += load_arrows("figure", arrows, by_point=True)
+        fit_height(figure, draw_solid(figure, [axis], joined(solids), [view], renderer), 5.1, 0.4, 5.4)
     below, above = min(c.min() for c in colours) < low, max(c.max() for c in colours) > high
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
     figure.colorbar(ScalarMappable(norm, map_), ax=axis, label=label, shrink=0.85, extend=extend)

@@ -17,7 +17,7 @@ LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000
 
 DASHES = ("-", "--", "-.", ":")
 
-_DPI = 150
+_DPI = 200
 
 
 def sheet(width: float, height: float) -> Any:
@@ -28,6 +28,14 @@ def sheet(width: float, height: float) -> Any:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def fit_height(figure: Any, ratio: float, width: float, around: float, most: float) -> None:
+    """Make a figure as high as its pictures, which have this ratio (height / width) and width (inches).
+
+    `around` is what titles and legends take, `most` what the figure may have; nothing is left blank.
+    """
+    figure.set_figheight(float(np.clip(ratio * width + around, 2.4, most)))
 
 
 def save(figure: Any, path: str | Path, blended: bool = False) -> Path:
@@ -42,6 +50,9 @@ def save(figure: Any, path: str | Path, blended: bool = False) -> Path:
     picture = full.quantize(256, dither=Image.Dither.NONE)
     if blended:
         covering = full.quantize(256, method=Image.Quantize.MAXCOVERAGE)
+        colours = np.array(covering.getpalette(), dtype=np.uint8).reshape(-1, 3)
+        colours[colours.sum(axis=1).argmax()] = 255  # paper stays white
+        covering.putpalette(colours.ravel().tolist())
         picture = full.quantize(palette=covering, dither=Image.Dither.FLOYDSTEINBERG)
     with replaced(target) as temporary:
         picture.save(temporary, format="png", optimize=True, dpi=(_DPI, _DPI))

@@ -206,11 +206,13 @@ def density_figure(
             axis.fill_between(x, y, where=(x >= threshold).tolist(), color=colour, alpha=0.25, lw=0)
     if threshold is not None:
         axis.axvline(threshold, color="black", ls="--", lw=1.0)
-    axis.set_ylim(bottom=0)
+    rows = len(densities) + (samples is not None)
+    axis.set_ylim(0.0, axis.get_ylim()[1] * (1.05 + 0.08 * rows))  # the names stay above the curves
     axis.set_xlabel(label)
     unit = re.search(r"\(([^()]+)\)$", label)
     axis.set_ylabel(f"probability density (1/{unit[1]})" if unit else "probability density")
-    axis.legend(framealpha=0.9)
+    if rows:
+        axis.legend(framealpha=0.9, loc="upper right")
     if title:
         axis.set_title(title)
     return save(figure, path)

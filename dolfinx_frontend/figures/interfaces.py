@@ -13,8 +13,9 @@ from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.figures.assemblies import KIND_COLOURS
-from dolfinx_frontend.figures.canvas import rgb, round_down, save, sheet
+from dolfinx_frontend.figures.assemblies import KIND_COLOURS, Arrows, load_arrows
+from dolfinx_frontend.figures.canvas import fit_height, rgb, round_down, save, sheet
+from dolfinx_frontend.figures.cuts import as_points, cut_solid
 from dolfinx_frontend.figures.solids import corner_weights, draw_solid, joined, outline, skin_of
 from dolfinx_frontend.io.facets import corner_fields, facet_fields
 from dolfinx_frontend.results.answer import Answer
@@ -23,11 +24,13 @@ from dolfinx_frontend.results.contact import CLOSED, OPEN, SLIPS
 if TYPE_CHECKING:
     from dolfinx import fem
 
-__all__ = ["interface_figure", "interface_map"]
+    from dolfinx_frontend.assembly.problem import Problem
+
+__all__ = ["facet_corners", "interface_figure", "interface_map"]
 
 
-STATE_COLOURS = ("#d9d9d9", "#3b6fb6", "#e08214")
-"""Of open, closed and slipping contacts."""
+STATE_COLOURS = ("#fff3c4", "#3b6fb6", "#e08214")
+"""Of open, closed and slipping contacts; none is the grey of parts."""
 
 
 def interface_figure(
@@ -40,7 +43,9 @@ def interface_figure(
     step: int = -1,
     scale: float | None = None,
     hide: Sequence[str] | None = None,
+    cut: tuple[Sequence[float], Sequence[float]] | None = None,
     view: Sequence[float] | None = None,
+    arrows: Arrows = (),
     title: str | None = None,
     renderer: str = "auto",
 ) -> Path:
@@ -70,15 +75,20 @@ def interface_figure(
         parts that are drawn.
     hide
         Parts that are not drawn; None: in 3D those that would cover it, side 2 and what lies beyond.
+    cut
+        A point and a normal: instead of being hidden, solids that would cover the interface are cut open by
+        this plane, and drawn where the normal does not point.
     view
         Direction towards the viewer, for solids; None: obliquely onto the interface.
+    arrows
+        Of loads on solids: where each starts and ends, ``((x, y, z), (x, y, z))``.
     title, renderer
         As in :func:`assembly_figure`.
 
     Raises
     ------
     SceneError
-        An unknown interface, quantity or part to hide.
+        An unknown interface, quantity or part to hide; a cut without a normal, or of a flat part.
     RenderError
         ``renderer="vtk"`` and VTK is missing or has no display.
     """
@@ -92,7 +102,9 @@ def interface_figure(
     normal[: described.dim] = side.normal if np.any(side.normal) else described.normals[0]
     own = problem.substructures[side.substructure]
     names = _drawn(problem, interface, normal, hide)
-    for name in names:
+    plane = None if cut is None else _plane(cut, described.dim)
+    covering = [] if plane is None else sorted(set(problem.substructures) - {*names, *(hide or ())})
+    for name in (*names, *covering):
         problem.check_mesh(name)
     functions = {name: result.displacement(name, step) for name in names}
     skins = {name: skin_of(u.function_space.mesh, None, u) for name, u in functions.items()}
@@ -137,14 +149,33 @@ def interface_figure(
             tint[mine] = colours(norm(inside))[:, :, :3]
         solids.append(skin.solid(points, tint.reshape(-1, 3)))
     if solids:
-        draw_solid(figure, [axis], joined(solids), [_onto(normal) if view is None else view], renderer)
+        solids = [as_points(each) for each in solids] if plane is not None else solids
+        for name in covering:
+            assert plane is not None
+            tone = rgb(KIND_COLOURS["free"]) * 0.5 + 0.5
+            solids.append(as_points(cut_solid(result.displacement(name, step), scale, *plane, tone)))
+        by_point = len(solids[0].colours) == len(solids[0].points)
+        solids += load_arrows("interface_figure", arrows, by_point)
+        direction = _onto(normal) if view is None else view
+        ratio = draw_solid(figure, [axis], joined(solids), [direction], renderer)
+        fit_height(figure, ratio, 5.1, 0.4, 5.4)
     else:
         moved = functions[own.name]
         _facet_lines(axis, own, side.face, numbers, values, quantity, moved, scale, norm, colours)
-    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
+    label = label or (interface if quantity == "state" else quantity)
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label, shrink=0.85)
     if quantity == "state":
         bar.set_ticks([OPEN, CLOSED, SLIPS], labels=["open", "closed", "slips"])
     return save(figure, path, blended=quantity != "state")
+
+
+def _plane(cut: Any, dim: int) -> tuple[Array, Array]:
+    """Point and unit normal of a cut."""
+    wanted = "give a point and a normal, each of three numbers"
+    plane = checked_numbers("interface_figure", "cut", cut, wanted, dimensions=2)
+    if dim != 3 or plane.shape != (2, 3) or not np.any(plane[1]):
+        raise SceneError(f"interface_figure: cut = {cut}; {wanted}, for solids")
+    return plane[0], plane[1] / np.linalg.norm(plane[1])
 
 
 def _drawn_values(result: Answer, interface: str, quantity: str, step: int) -> tuple[Ints, Array]:
@@ -248,6 +279,7 @@ def interface_map(
     path: str | Path,
     label: str,
     *,
+    facets: npt.ArrayLike | None = None,
     mirror: float | None = None,
     axes_labels: tuple[str, str] = ("x (mm)", "y (mm)"),
     title: str | None = None,
@@ -265,6 +297,10 @@ def interface_map(
         PNG file to write.
     label
         Of the colour bar, with the unit.
+    facets
+        Corners (k, 3 or 4, 2 or 3) of the facets that the points lie in (:func:`facet_corners`): the field is
+        then drawn on them, up to their border, linear in each and smoothed between them. None: over the hull
+        of the points.
     mirror
         Opening in radians of the symmetric sector 0 <= theta <= mirror that the points lie in;
         the whole circle is then drawn.
@@ -274,10 +310,18 @@ def interface_map(
         Mark where the field is largest and smallest.
     """
     x, f = _checked_field(points, values)
-    places, field = (x, f) if mirror is None else _whole_circle(x, f, mirror)
+    triangles = None
+    if facets is not None:
+        if mirror is not None:
+            raise SceneError("interface_map: give facets or mirror, not both")
+        places, field, triangles = _on_facets(x, f, facets)
+    else:
+        places, field = (x, f) if mirror is None else _whole_circle(x, f, mirror)
     figure = sheet(6.2, 5.0)
     axis = figure.add_subplot()
-    filled = _contours(axis, places, field)
+    filled = _contours(axis, places, field, triangles)
+    if facets is not None:
+        _facet_edges(axis, facets)
     figure.colorbar(filled, ax=axis, label=label, shrink=0.9)
     if extremes:
         _mark_extremes(axis, x, f)
@@ -321,16 +365,96 @@ def _whole_circle(x: Array, field: Array, mirror: float) -> tuple[Array, Array]:
     return places[first], np.tile(field, 2 * copies)[first]
 
 
-def _contours(axis: Any, places: Array, field: Array) -> Any:
+def facet_corners(problem: Problem, interface: str) -> Array:
+    """Corners (k, 3 or 4, 3) of the facets on the side of an interface that its points are on.
+
+    Raises
+    ------
+    SceneError
+        An unknown interface, or one of a plane problem.
+    """
+    check_known("interface", interface, problem.interfaces, "facet_corners")
+    described = problem.interfaces[interface]
+    if described.dim != 3:
+        raise SceneError(f"facet_corners: {interface!r} is a line; give an interface of solids")
+    side = described.sides[described.carrier]
+    part = problem.substructures[side.substructure].part
+    found = FacetMap(part, side.face, side.substructure)
+    count = 4 if "hex" in found.cell.name else 3
+    corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], dtype=float)[:count]
+    rows = np.repeat(np.arange(len(found)), count)
+    x, _ = found.push_forward(rows, np.tile(corners, (len(found), 1)))
+    return np.asarray(x).reshape(len(found), count, 3)
+
+
+def _on_facets(x: Array, f: Array, facets: npt.ArrayLike) -> tuple[Array, Array, Ints]:
+    """Vertices (n, 2) of facets, a field (n,) there, and triangles (t, 3), from values at points in them.
+
+    In each facet a linear field is fitted to its points; a vertex has the mean of its facets.
+    """
+    from scipy.spatial import cKDTree
+
+    corners = checked_numbers("interface_map", "facets", facets, "give corners (k, 3 or 4, d)", dimensions=3)
+    if corners.shape[1] not in (3, 4) or corners.shape[2] not in (2, 3):
+        raise SceneError(f"interface_map: facets of shape {corners.shape}; give (k, 3 or 4, 2 or 3)")
+    corners = corners[:, :, :2]
+    count = corners.shape[1]
+    owner = _facet_of(x, corners)
+    at_corner = np.full(corners.shape[:2], np.nan)
+    for k in np.unique(owner):
+        mine = owner == k
+        middle = x[mine].mean(axis=0)
+        basis = np.column_stack([np.ones(mine.sum()), x[mine] - middle])
+        fitted = np.linalg.lstsq(basis, f[mine], rcond=1e-6)[0]
+        at_corner[k] = fitted[0] + (corners[k] - middle) @ fitted[1:]
+    flat = corners.reshape(-1, 2)
+    near = 1e-6 * float(np.ptp(flat, axis=0).max())
+    first = cKDTree(flat).query_ball_point(flat, near)
+    group = np.array([min(each) for each in first])
+    _, vertex = np.unique(group, return_inverse=True)
+    known = ~np.isnan(at_corner.ravel())
+    number = np.bincount(vertex, known)
+    mean = np.bincount(vertex[known], at_corner.ravel()[known], minlength=len(number))
+    places = np.zeros((len(number), 2))
+    places[vertex] = flat
+    rows = vertex.reshape(-1, count)[np.isin(np.arange(len(corners)), owner)]
+    triangles = rows if count == 3 else np.concatenate([rows[:, [0, 1, 3]], rows[:, [0, 3, 2]]])
+    return places, mean / np.maximum(number, 1), triangles
+
+
+def _facet_of(x: Array, corners: Array) -> Ints:
+    """Facet (n,) that each of the points (n, 2) is in, or nearest to: corners (k, 3 or 4, 2)."""
+    split = [(0, 1, 2)] if corners.shape[1] == 3 else [(0, 1, 3), (0, 3, 2)]
+    least = np.full((len(x), len(corners)), -np.inf)
+    for a, b, c in split:
+        edges = np.stack([corners[:, b] - corners[:, a], corners[:, c] - corners[:, a]], axis=2)
+        inside = np.einsum("kij,nkj->nki", np.linalg.pinv(edges), x[:, None] - corners[None, :, a])
+        third = 1.0 - inside.sum(axis=2)
+        least = np.maximum(least, np.minimum(inside.min(axis=2), third))
+    return np.asarray(least.argmax(axis=1), dtype=np.int64)
+
+
+def _facet_edges(axis: Any, facets: npt.ArrayLike) -> None:
+    """Thin outlines of facets."""
+    from matplotlib.collections import PolyCollection
+
+    corners = np.asarray(facets, dtype=float)[:, :, :2]
+    order = (0, 1, 2) if corners.shape[1] == 3 else (0, 1, 3, 2)
+    lines = PolyCollection(list(corners[:, order]), facecolors="none", edgecolors="#555555", linewidths=0.3)
+    axis.add_collection(lines)
+
+
+def _contours(axis: Any, places: Array, field: Array, triangles: Ints | None = None) -> Any:
     """Filled contours of a field at points, with a line where it changes its sign."""
     from matplotlib.ticker import MaxNLocator
     from matplotlib.tri import Triangulation
 
-    mesh = Triangulation(*places.T)
-    corners = places[mesh.triangles]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    # triangles across a bore or outside a curved border have edges far longer than their peers
-    mesh.set_mask(longest > 3.0 * np.median(longest))
+    mesh = Triangulation(places[:, 0], places[:, 1], triangles)
+    if triangles is None:
+        corners = places[mesh.triangles]
+        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        # triangles across a bore or outside a curved border have edges far longer than their peers
+        mesh.set_mask(longest > 3.0 * np.median(longest))
     lowest, highest = float(field.min()), float(field.max())
     if highest - lowest <= 1e-12 * max(abs(highest), abs(lowest), 1e-300):
         highest = lowest + max(abs(lowest), 1.0) * 1e-6

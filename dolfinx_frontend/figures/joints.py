@@ -89,6 +89,7 @@ def joint_diagram(
         axis.set_ylim(bottom=0.0)
         axis.grid(alpha=0.25)
         axis.legend(framealpha=0.9)
+    left.set_xlim(right=max(1.05 * float(elongation.max()), 1.22 * ends[0][0]))  # room for the text
     if title:
         figure.suptitle(title)
     return save(figure, path)

@@ -299,9 +299,32 @@ def _draw_with_matplotlib(axes: Any, solid: Solid, view: Sequence[float]) -> Non
     axes.set_aspect("equal")
 
 
+def arrow(start: Sequence[float], end: Sequence[float], colour: Array, by_point: bool) -> Solid:
+    """An arrow of a load, in one colour (3,), given by points or by triangles."""
+    tail, tip = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+    length = float(np.linalg.norm(tip - tail))
+    along = (tip - tail) / length
+    across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+    across /= np.linalg.norm(across)
+    turn = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)[:, None]
+    ring = length * (np.cos(turn) * across + np.sin(turn) * np.cross(along, across))
+    neck = tail + 0.65 * (tip - tail)
+    points = np.concatenate([tail + 0.035 * ring, neck + 0.035 * ring, neck + 0.1 * ring, [tail, tip]])
+    i, j = np.arange(24), (np.arange(24) + 1) % 24
+    ends = np.full(24, 72), np.full(24, 73)
+    bands = [(24 * k + i, 24 * k + j, 24 * k + 24 + j) for k in (0, 1)]
+    bands += [(24 * k + i, 24 * k + 24 + j, 24 * k + 24 + i) for k in (0, 1)]
+    bands += [(i, j, ends[0]), (48 + i, 48 + j, ends[1])]
+    triangles = np.concatenate([np.column_stack(band) for band in bands])
+    colours = np.tile(colour, (len(points) if by_point else len(triangles), 1))
+    none = np.empty((0, 2), dtype=np.int64)
+    return Solid(points, triangles, colours, none, none)
+
+
 def draw_solid(
     figure: Any, axes: Sequence[Any], solid: Solid, views: Sequence[Sequence[float]], renderer: str
-) -> None:
+) -> float:
+    """Draw it into axes, each from another view; returns the largest height / width of the pictures."""
     if renderer not in ("auto", "vtk", "matplotlib"):
         raise ValueError(f"renderer = {renderer!r} must be 'auto', 'vtk' or 'matplotlib'")
     images = None
@@ -311,12 +334,18 @@ def draw_solid(
         except RenderError:
             if renderer == "vtk":
                 raise
+    ratios = []
     for i, (axis, view) in enumerate(zip(axes, views)):
         if images is None:
             _draw_with_matplotlib(axis, solid, view)
+            wide, high = np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1)
         else:
-            axis.imshow(_trimmed(images[i]), interpolation="antialiased")
+            picture = _trimmed(images[i])
+            axis.imshow(picture, interpolation="antialiased")
+            high, wide = picture.shape[:2]
+        ratios.append(float(high / wide))
         axis.set_axis_off()
+    return max(ratios)
 
 
 def outline(axis: Any, skin: Skin, points: Array) -> None:

@@ -15,7 +15,7 @@ from dolfinx_frontend.common.checks import (
     checked_word,
 )
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.figures.assemblies import draw_coloured
+from dolfinx_frontend.figures.assemblies import Arrows, draw_coloured
 from dolfinx_frontend.figures.solids import skin_of
 from dolfinx_frontend.results.answer import Answer, OfPart, check_answer
 from dolfinx_frontend.results.stress import Shared
@@ -38,6 +38,7 @@ def stress_figure(
     label: str | None = None,
     view: Sequence[float] = (-0.45, -1.0, 0.45),
     lift: Mapping[str, float] | None = None,
+    arrows: Arrows = (),
     title: str | None = None,
     renderer: str = "auto",
 ) -> Path:
@@ -69,7 +70,7 @@ def stress_figure(
         Magnification of the displacements; chosen if not given.
     label
         Of the colour bar, with the unit.
-    view, lift, title, renderer
+    view, lift, arrows, title, renderer
         As in :func:`deformed_figure`.
 
     Raises
@@ -111,12 +112,13 @@ def stress_figure(
         assert values is not None
         colours.append(values[:, at])
     largest = int(np.argmax([each.max() for each in colours]))
-    told = f"largest {colours[largest].max():.4g} in {names[largest]}"
     shown = f"{of} stress" if of in components else of
     bar = label or (f"standard deviation of {shown}" if deviation else shown)
+    unit = bar.rpartition("(")[2].rstrip(")") + " " if bar.endswith(")") else ""
+    told = f"largest {colours[largest].max():.4g} {unit}in {names[largest]}"
     return draw_coloured(
         names, skins, colours, path, scale=scale, label=bar, view=view, lift=lift,
-        title=f"{title}, {told}" if title else told, renderer=renderer, limits=limits,
+        title=f"{title}, {told}" if title else told, renderer=renderer, limits=limits, arrows=arrows,
     )  # fmt: skip
 
 

@@ -75,9 +75,10 @@ def ours(demo: ModuleType, problem: Problem, rtol: float) -> tuple[dict[str, Arr
     return u, float(demo.load(problem, result)[-1]) / demo.HALVES, result
 
 
-def theirs(scene: Path, folder: Path) -> Any:
+def theirs(scene: Path) -> Any:
     """The answer of CalculiX; None if it is not there."""
-    script, file = Path(__file__).parent / "peers" / "calculix_lap.py", folder / "lap.npz"
+    script = Path(__file__).parent / "peers" / "calculix_lap.py"
+    file = scene.with_name(f"{scene.stem}_ccx.npz")
     command = [sys.executable, str(script), str(scene), str(file)]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode == MISSING:
@@ -128,7 +129,7 @@ def joint_part(
     scene = folder / "lap_scene.npz"
     bodies = {name: solid(part, (200e3, 0.3)) for name, part in joint.parts.items()}
     np.savez(scene, joint=json.dumps(what(demo, joint)), **exchange.arrays_of(bodies))
-    found = theirs(scene, folder) if theirs_too else None
+    found = theirs(scene) if theirs_too else None
     if found is None:
         return record
     away = 0.0

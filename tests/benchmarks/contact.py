@@ -19,6 +19,8 @@
   relative to the largest one, and ``error_force``, against a solution to 1e-10 of the same equations;
 * ``joint``: the lap joint with straight cells and bolts shortened by a jump, by us and by CalculiX on the
   same nodes and elements (``_joint.py``); for many sets of CalculiX the time of one run is taken as often;
+* ``sector``: the flange sector of ``demos/bolted_vessel.py`` with friction in true contact, its screw
+  shortened by a jump, then pressure; by us and by CalculiX on the same nodes and elements (``_sector.py``);
 * in ``blocks``, for each of ``peers``: ``seconds`` (``setup_s`` + ``solve_s``: from arrays of nodes and cells
   to the solution; no time to start an interpreter, none to read or write files except for CalculiX, a program
   that reads files), ``max_difference`` of the displacements at all nodes, relative to the largest one, and
@@ -39,6 +41,7 @@ from types import ModuleType
 from typing import Any
 
 import _joint
+import _sector
 import common
 import numpy as np
 import numpy.typing as npt
@@ -368,6 +371,7 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=10, help="values of each of three parameters")
     parser.add_argument("--cells", type=int, default=4, help="cells along 10 mm of the blocks")
     parser.add_argument("--joint", type=common.size, default="coarse", help="size of that of other codes")
+    parser.add_argument("--sector", type=common.size, default="paper", help="size of the flange sector")
     parser.add_argument("--checked", type=int, default=6, help="sets solved again, tightly")
     parser.add_argument("--keep", type=Path, help="folder for the scenes, decks and answers of the peers")
     options = parser.parse_args()
@@ -407,8 +411,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         demo, folder = common.demo("bolted_lap_joint"), options.keep or Path(temporary)
         record["joint"] = _joint.joint_part(demo, options.joint, options.sets, solid, folder)
+        vessel = common.demo("bolted_vessel")
+        record["sector"] = _sector.sector_part(vessel, options.sector, options.sets, solid, folder)
     report(record)
     print("\n" + _joint.report(record["joint"]))
+    print("\n" + _sector.report(record["sector"]))
     common.write_json(record, options.json)
 
 

@@ -1,7 +1,7 @@
 """Speed against accuracy: all settings, one by one and together, on three scenes, and the Pareto front.
 
 ``./run bench tradeoff --json FILE --markdown docs/accuracy.md`` measures all of it and writes the record,
-the part of the page on the front and its figure; ``--read FILE`` makes page and figure from a record.
+the part of the page on the front and its figures; ``--read FILE`` makes page and figures from a record.
 
 The scenes are the geometries of the demos, with randomness that has moments of every order:
 
@@ -772,42 +772,42 @@ def cheapest(
     return min((r for r in good if r[cost] <= TIE * least), key=lambda r: float(r[error]))
 
 
-def panels(record: Mapping[str, Any]) -> list[list[FrontPanel]]:
-    """Pictures of all scenes: errors on the same mesh above, total errors below."""
-    rows = []
+def panels(scene: Mapping[str, Any]) -> list[FrontPanel]:
+    """Pictures of a scene: errors on the same mesh, total errors."""
+    row = []
     for in_all in (False, True):
         error, cost = ("error_all", "units_all") if in_all else ("error", "units")
-        row = []
-        for scene in record["scenes"].values():
-            made = scene["references"].get("all" if in_all else "same")
-            if made is None:
-                continue
-            good = {id(r) for r in usable(scene, in_all)}
-            points, front = {}, {}
-            for method, name in METHODS.items():
-                mine = [r for r in scene["runs"] if r["method"] == method and r[error] is not None]
-                if mine:
-                    points[name] = np.array([[r[cost], r[error]] for r in mine])
-                    front[name] = np.array([id(r) in good for r in mine])
-            row.append(
-                FrontPanel(
-                    scene["title"],
-                    "cost with assembly (units)" if in_all else "cost (units)",
-                    "relative error, in all" if in_all else "relative error, same mesh",
-                    points,
-                    front,
-                    np.array([[r[cost], r[error]] for r in scene["accuracy"] if r[error] is not None]),
-                    max(made["own_error"], 1e-10),
-                )
+        made = scene["references"].get("all" if in_all else "same")
+        if made is None:
+            continue
+        good = {id(r) for r in usable(scene, in_all)}
+        points, front = {}, {}
+        for method, name in METHODS.items():
+            mine = [r for r in scene["runs"] if r["method"] == method and r[error] is not None]
+            if mine:
+                points[name] = np.array([[r[cost], r[error]] for r in mine])
+                front[name] = np.array([id(r) in good for r in mine])
+        row.append(
+            FrontPanel(
+                scene["title"],
+                "cost with assembly (units)" if in_all else "cost (units)",
+                "relative error, in all" if in_all else "relative error, same mesh",
+                points,
+                front,
+                np.array([[r[cost], r[error]] for r in scene["accuracy"] if r[error] is not None]),
+                max(made["own_error"], 1e-10),
             )
-        if row:
-            rows.append(row)
-    return rows
+        )
+    return row
 
 
-def figure(record: Mapping[str, Any], path: Path) -> Path:
-    """Error against cost of all scenes."""
-    return front_figure(panels(record), path, marked_label="chosen by solve(accuracy=...)")
+def figure(record: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Error against cost, a figure for each scene: ``tradeoff_NAME.png``."""
+    label = "chosen by solve(accuracy=...)"
+    return [
+        front_figure([panels(scene)], folder / f"tradeoff_{name}.png", marked_label=label)
+        for name, scene in record["scenes"].items()
+    ]
 
 
 # %% Tables and the page
@@ -921,24 +921,27 @@ def table_all(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
 EMPTY = "## Reading the front\n\n<!-- front: begin -->\n<!-- front: end -->\n"
 
 
-INTRODUCTION = """![Error against cost on three scenes](figures/tradeoff.png)
+INTRODUCTION = """![Bolted vessel](figures/tradeoff_vessel.png)
+
+![Bolted lap joint](figures/tradeoff_lap.png)
+
+![Random field](figures/tradeoff_field.png)
 
 Each point is one choice of settings. Its cost is that of computing the mean and the standard deviation of
 one number; its error is the larger of their true relative errors. The line is the front: the best that can
 be had for a given cost. A setting above the line or to its right wastes work. Stars are the settings that
 `solve(problem, accuracy=...)` chose.
 
-Two errors are shown separately. The upper pictures show the error on the same mesh, against a much tighter
-solution; it depends on tolerance, chaos and method. The lower pictures show the total error, against a much
+Two errors are shown separately. On the left is the error on the same mesh, against a much tighter
+solution; it depends on tolerance, chaos and method. On the right is the total error, against a much
 finer mesh. There the front becomes flat where the error of the mesh dominates; from that point on, tighter
 tolerances and higher orders gain nothing.
 
-So begin with the lower picture and choose the mesh whose error is small enough. Then find the same error in
-the upper picture (a third of it, if the sum of both must stay below the limit), and read the setting from
-the table.
+So begin on the right and choose the mesh whose error is small enough. Then find the same error on the
+left (a third of it, if the sum of both must stay below the limit), and read the setting from the table.
 
-A *unit* is one direct solution of the base mesh in the same run. Costs in the upper pictures do not include
-the assembly of the parts' matrices; those in the lower pictures include assembly and pairing. Some errors
+A *unit* is one direct solution of the base mesh in the same run. Costs on the left do not include
+the assembly of the parts' matrices; those on the right include assembly and pairing. Some errors
 are small by chance (a tighter setting of the same series is over three times worse, or errors of chaos and
 mesh cancel); they are drawn small, and are left out of the front and of the tables. Errors of Monte Carlo
 are root mean squares over several seeds. In the grey band errors cannot be distinguished from the error of
@@ -1001,13 +1004,14 @@ def _sentence(text: str) -> str:
 
 
 def write_page(record: Mapping[str, Any], page: Path) -> None:
-    """Put the section into the page, which is made if it is not there; the figure goes beside it."""
+    """Put the section into the page, which is made if it is not there; the figures go beside it."""
     text = page.read_text(encoding="utf-8") if page.exists() else "# Accuracy\n"
     if "<!-- front: begin -->" not in text:
         page.parent.mkdir(parents=True, exist_ok=True)
         page.write_text(f"{text.rstrip()}\n\n{EMPTY}", encoding="utf-8")
     common.between_marks(page, "front", section(record))
-    print(f"written to {page} and {figure(record, page.parent / 'figures' / 'tradeoff.png')}")
+    drawn = figure(record, page.parent / "figures")
+    print(f"written to {page} and {', '.join(map(str, drawn))}")
 
 
 def report(record: Mapping[str, Any]) -> None:

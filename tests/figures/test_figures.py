@@ -10,9 +10,11 @@ import pytest
 from dolfinx import fem
 from dolfinx import mesh as dmesh
 
+import dolfinx_frontend as lf
 from dolfinx_frontend import figures, geometry
-from dolfinx_frontend.figures import render, solids
+from dolfinx_frontend.figures import interfaces, render, solids
 from dolfinx_frontend.figures.canvas import sheet
+from dolfinx_frontend.figures.cuts import as_points, cut_solid
 from dolfinx_frontend.figures.solids import skin_of
 from parts.rings import two_rings
 from parts.vessel import BoltedVessel, VesselShape, bolted_vessel
@@ -41,7 +43,7 @@ def displacements(assembly: geometry.Assembly) -> dict[str, fem.Function]:
 
 
 def is_picture(path) -> bool:
-    return path.read_bytes()[:4] == b"\x89PNG" and 2_000 < path.stat().st_size < 300_000
+    return path.read_bytes()[:4] == b"\x89PNG" and 2_000 < path.stat().st_size < 500_000
 
 
 def test_skin_follows_the_part(vessel: BoltedVessel) -> None:
@@ -151,3 +153,88 @@ def test_figures_of_results(tmp_path) -> None:
         figures.interface_map(points, r, tmp_path / "no.png", "f", mirror=1.0)
     with pytest.raises(ValueError, match="expected"):
         figures.response_surface(grid, grid, np.zeros((2, 2)), ("x", "y", "z"), tmp_path / "no")
+
+
+# --- cut open, arrows, facets -------------------------------------------------------------------
+def areas(triangles) -> np.ndarray:
+    """Areas (t,) of triangles (t, 3, 3)."""
+    one, other = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    return np.linalg.norm(np.cross(one, other), axis=1) / 2
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_a_cube_cut_through_its_middle_shows_a_hexagon(cell) -> None:
+    """Across its diagonal: a regular hexagon with sides of 1/sqrt(2), and half of the surface behind it."""
+    part = geometry.box((1.0, 1.0, 1.0), (3, 3, 3), cell=cell)
+    u = fem.Function(fem.functionspace(part.mesh, ("Lagrange", 2, (3,))))
+    u.interpolate(lambda x: 1e-2 * x)  # grows by 1 %, magnified to 10 %
+    normal = np.ones(3) / math.sqrt(3.0)
+    solid = cut_solid(u, 10.0, np.full(3, 0.5), normal, np.array([0.2, 0.4, 0.6]))
+    triangles = solid.points[solid.triangles]
+    section = np.isclose(solid.colours[:, 0], 0.6)  # lighter
+    grown = 1.1**2
+    assert areas(triangles[section]).sum() == pytest.approx(grown * 3 * math.sqrt(3.0) / 4, rel=1e-12)
+    assert areas(triangles[~section]).sum() == pytest.approx(grown * 3.0, rel=1e-12)
+    assert (triangles @ normal).max() == pytest.approx(1.1 * 1.5 / math.sqrt(3.0), rel=1e-12)
+    pieces = solid.points[solid.thick]
+    on = np.all(np.isclose(pieces @ normal, 1.1 * 1.5 / math.sqrt(3.0)), axis=1)
+    length = np.linalg.norm(pieces[on, 1] - pieces[on, 0], axis=1).sum()
+    assert length == pytest.approx(1.1 * 6 / math.sqrt(2.0), rel=1e-12)
+    smooth = as_points(solid)
+    assert len(smooth.colours) == len(smooth.points)
+    assert areas(smooth.points[smooth.triangles]).sum() == pytest.approx(areas(triangles).sum())
+    away = cut_solid(u, 10.0, np.full(3, -1.0), normal, np.zeros(3))
+    assert len(away.triangles) == 0  # all of it is taken away
+
+
+def two_blocks(law: lf.Law, space: str) -> lf.Problem:
+    scene = lf.Scene()
+    for name, z, count in (("lower", 0.0, 3), ("upper", 1.0, 2)):
+        part = geometry.box((1.0, 1.0, 1.0), (count,) * 3, origin=(0, 0, z), cell="tetrahedron")
+        scene.substructure(name, part, lf.LinearElastic(E=1.0, nu=0.0), degree=1)
+    scene.interface("joint", "lower:z1", "upper:z0", law, space=space)
+    scene.fix("lower:z0")
+    scene.fix("upper:z1", (0.0, 0.0, -0.1))
+    return lf.assemble(scene)
+
+
+def test_a_field_on_facets_ends_where_they_end() -> None:
+    """A linear field at points is met at the corners of the facets, which cover the face."""
+    problem = two_blocks(lf.Elastic(normal=1.0, tangential=1.0), "points")
+    corners = figures.facet_corners(problem, "joint")
+    joint = problem.interfaces["joint"]
+    assert areas(corners).sum() == pytest.approx(1.0) and np.allclose(corners[..., 2], 1.0)
+    field = 2.0 + joint.points[:, 0] - 3.0 * joint.points[:, 1]
+    places, values, triangles = interfaces._on_facets(joint.points[:, :2], field, corners)
+    assert np.allclose(values, 2.0 + places[:, 0] - 3.0 * places[:, 1])
+    assert len(places) < corners.shape[0] * corners.shape[1] and len(triangles) == len(corners)
+    quads = np.array([[[0, 0], [1, 0], [0, 1], [1, 1]], [[1, 0], [2, 0], [1, 1], [2, 1]]], dtype=float)
+    at, field = np.array([[0.5, 0.5], [1.2, 0.1]]), np.array([1.0, 3.0])
+    places, values, triangles = interfaces._on_facets(at, field, quads)
+    assert len(triangles) == 4 and np.allclose(values[places[:, 0] == 1.0], 2.0)  # between one value each
+
+
+def test_pictures_with_cut_arrows_and_facets(tmp_path) -> None:
+    problem = two_blocks(lf.Contact(), "mortar")
+    answer = lf.solve(problem)
+    down = [((0.5, 0.5, 2.6), (0.5, 0.5, 2.05))]
+    cut, low = ((0.5, 0.5, 1.0), (0.0, -1.0, 0.0)), {"renderer": "matplotlib"}
+    path = tmp_path / "a.png"
+    assert is_picture(figures.interface_figure(answer, "joint", path, cut=cut, arrows=down, **low))
+    assert is_picture(figures.deformed_figure(answer, path, arrows=down, **low))
+    assert is_picture(figures.stress_figure(answer, path, arrows=down, label="von Mises (MPa)", **low))
+    joint = problem.interfaces["joint"]
+    corners = figures.facet_corners(problem, "joint")
+    assert is_picture(figures.interface_map(joint.points, joint.points[:, 0], path, "x", facets=corners))
+    for wrong in (((0, 0, 0), (0, 0, 0)), ((0, 0), (0, 1))):
+        with pytest.raises(lf.SceneError, match="interface_figure: cut = "):
+            figures.interface_figure(answer, "joint", path, cut=wrong, **low)
+    for wrong in (((0, 0, 0), (0, 0, 0)), ((0, 0), (0, 1))):
+        with pytest.raises(lf.SceneError, match="arrows.*give .start, end."):
+            figures.deformed_figure(answer, path, arrows=[wrong], **low)
+    with pytest.raises(lf.SceneError, match="facets of shape"):
+        figures.interface_map(joint.points, joint.points[:, 0], path, "x", facets=corners[:, :2])
+    with pytest.raises(lf.SceneError, match="facets or mirror, not both"):
+        figures.interface_map(joint.points, joint.points[:, 0], path, "x", facets=corners, mirror=math.pi / 4)
+    with pytest.raises(lf.SceneError, match="'jiont'"):
+        figures.facet_corners(problem, "jiont")

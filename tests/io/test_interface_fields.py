@@ -360,7 +360,7 @@ def test_every_facet_has_its_own_colour(d: int, space: str, tmp_path: Path, monk
     assert p == pytest.approx(-share @ force / share.sum(axis=1), rel=1e-12)
     assert np.corrcoef(p, middles[:, 0])[0, 1] > 0.9
     seen: list[Any] = []
-    monkeypatch.setattr(interface_figures, "draw_solid", lambda *given: seen.append(given[2]))
+    monkeypatch.setattr(interface_figures, "draw_solid", lambda *given: seen.append(given[2]) or 1.0)
     monkeypatch.setattr(interface_figures, "save", lambda figure, path, **how: seen.append(figure))
     figures.interface_figure(result, "joint", tmp_path / "a.png", scale=0.0)
     wanted = colormaps["viridis"]((p - p.min()) / np.ptp(p))[:, :3]
@@ -388,7 +388,7 @@ def test_mortar_fields_are_drawn_without_steps(d: int, tmp_path: Path, monkeypat
     nodal = i.vertices.nodal @ -result.force("joint")[:, 0]
     assert found["pressure"] == pytest.approx(nodal[i.vertices.corners])
     seen: list[Any] = []
-    monkeypatch.setattr(interface_figures, "draw_solid", lambda *given: seen.append(given[2]))
+    monkeypatch.setattr(interface_figures, "draw_solid", lambda *given: seen.append(given[2]) or 1.0)
     monkeypatch.setattr(interface_figures, "save", lambda figure, path, **how: seen.append(figure))
     figures.interface_figure(result, "joint", tmp_path / "a.png", scale=0.0)
     if d == 2:

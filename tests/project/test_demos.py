@@ -65,6 +65,7 @@ WRITTEN = {
         "flange.step",
         "flange.vtm",
         "flange.png",
+        "gasket.png",
         "deformed.png",
         "tightening.png",
         "leak.png",
@@ -78,7 +79,7 @@ WRITTEN = {
     ],
     "make_bracket_step.py": ["bracket.step"],
     "make_flange_step.py": ["flange.step"],
-    "tradeoff.py": ["tradeoff.png"],
+    "tradeoff.py": ["tradeoff_vessel.png"],
     "hertz.py": [
         "hertz.vtm",
         "friction_loaded.vtm",

@@ -9,10 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import make_bracket_step
 import pytest
 
 import dolfinx_frontend
-from tests.helpers import printed_as_shown
+from tests.helpers import printed_as_shown, shown_blocks
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -56,7 +57,7 @@ def test_kernel_page_shows_its_demo(capsys: pytest.CaptureFixture[str]) -> None:
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.S)
     runs = [block for block in blocks if block.startswith("import ")]
     shown = [block for block in blocks if block not in runs]
-    assert len(demo) <= 100 and len(shown) > 5 and len(runs) == 2
+    assert demo.index("# [end]") < 120 and len(shown) > 5 and len(runs) == 2
     for line in "".join(shown).splitlines():
         assert line.strip() in lines, line
     for block in runs:
@@ -64,6 +65,18 @@ def test_kernel_page_shows_its_demo(capsys: pytest.CaptureFixture[str]) -> None:
         exec(compile(block, "kernel.md", "exec"), {"__name__": "docs"})
         for line in capsys.readouterr().out.splitlines() if "print(" in block else ():
             assert f"    {line}\n" in page
+
+
+def test_tutorial_of_the_kernel_shows_what_its_demo_prints(tmp_path: Path) -> None:
+    page = (DOCS / "tutorials" / "raw_dolfinx.md").read_text()
+    demo = DOCS.parent / "demos" / "raw_dolfinx.py"
+    command = [sys.executable, str(demo), "--output", str(tmp_path)]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    shown = "\n".join(shown_blocks(page)).splitlines()
+    numbers = re.compile(r"-?\d\.?\d*e[+-]?\d+")  # residuals: rounding, which differs
+    assert [numbers.sub("#", line) for line in printed] == [numbers.sub("#", line) for line in shown]
+    assert all(float(each) < 1e-8 for line in printed for each in numbers.findall(line))
+    assert (tmp_path / "raw_dolfinx.png").exists() and (tmp_path / "raw_dolfinx_given.png").exists()
 
 
 def test_every_public_name_is_in_the_reference() -> None:
@@ -95,6 +108,32 @@ def test_messages_are_those_of_the_code() -> None:
     assert len(messages) > 25
     for message in messages:
         assert all(piece in texts for piece in message.split(" ... ")), message
+
+
+def test_tutorials_show_their_demos() -> None:
+    """What a tutorial shows of a script stands there, and is readable where directives are not."""
+    demos = "\n".join(demo.read_text() for demo in (DOCS.parent / "demos").glob("*.py"))
+    shown = 0
+    for page in sorted((DOCS / "tutorials").glob("*.md")):
+        text = page.read_text()
+        assert "{figure}" not in text and ":start-after:" not in text, page
+        for block in re.findall(r"^```python\n(.*?)^```$", text, flags=re.M | re.S):
+            if not block.startswith("import "):  # a script of its own
+                assert block in demos, f"{page.name} shows what is in no demo:\n{block}"
+                shown += 1
+    assert shown > 10
+
+
+def test_script_for_a_file_of_ones_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (DOCS / "tutorials" / "bracket.md").read_text()
+    (script,) = re.findall(r"^```python\n(import .*?)^```$", text, flags=re.M | re.S)
+    monkeypatch.chdir(tmp_path)
+    make_bracket_step.make_bracket("bracket.step")
+    exec(compile(script, "bracket.md", "exec"), {"__name__": "docs"})
+    printed = capsys.readouterr().out
+    assert "bracket|base " in printed and "P(slip) = " in printed and "bolt 2-|bolt 2+" in printed
 
 
 def test_every_demo_is_a_tutorial() -> None:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
 import tarfile
 import tomllib
 import zipfile
+from functools import partial
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -20,6 +23,7 @@ from dolfinx_frontend.common import release as _release
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PACKAGING = ROOT / "packaging"
 
 BLOCKS = """
 import numpy as np
@@ -194,23 +198,25 @@ def test_pip_installs(sdist: Path, tmp_path: Path, isolation: bool) -> None:
     if isolation and not os.environ.get("LATIN_TEST_ISOLATED"):
         pytest.skip("compiles for minutes, the cache cannot help: set LATIN_TEST_ISOLATED=1")
     python = environment_below(tmp_path / "venv")
+    recipe = conda_recipe(PYTHON=str(python))
     options = ["--no-index"]
+    command = [str(python), "-m", "pip", "install", str(sdist)]
     if isolation:
         wheels = tmp_path / "wheels"
         wheels.mkdir()
         for name in ("scikit-build-core", "pybind11", "packaging", "pathspec"):
             wheel_of(name, wheels)
         options += ["--find-links", str(wheels)]
-    else:
-        options += ["--no-build-isolation"]
+    else:  # as the conda recipe does
+        command = shlex.split(recipe["build"]["script"])
     # paths and options as in `./run`: the compiler cache can be of use
     werror = "ON" if os.environ.get("LATIN_ENVIRONMENT", "").startswith("trixie-") else "OFF"
     build = sdist / "build" / ("isolated" if isolation else "installed") / "cmake"
     options += [f"--config-settings=build-dir={build}"]
     options += [f"--config-settings=cmake.define.LATIN_WERROR={werror}"]
     call(
-        [str(python), "-m", "pip", "install", *options, str(sdist)],
-        tmp_path,
+        [*command, *options],
+        tmp_path if isolation else sdist,
         CCACHE_BASEDIR=str(sdist),
         CCACHE_NOHASHDIR="1",
     )
@@ -220,6 +226,19 @@ def test_pip_installs(sdist: Path, tmp_path: Path, isolation: bool) -> None:
         assert Path(printed).is_relative_to(tmp_path / "venv")
     installed = Path(printed).parent
     assert (installed / "py.typed").is_file() and (installed.parent / "latin_core" / "_core.pyi").is_file()
+    if not isolation:
+        as_the_recipe_tests(recipe, python, sdist, away)
+
+
+def as_the_recipe_tests(recipe: Any, python: Path, tree: Path, away: Path) -> None:
+    """Its tests, with nothing but the files that it names."""
+    imports, script = (each[key] for each, key in zip(recipe["tests"], ("python", "script"), strict=True))
+    call([str(python), "-c", "\n".join(f"import {name}" for name in imports["imports"])], away)
+    for name in recipe["tests"][1]["files"]["source"]:
+        (away / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(tree / name, away / name)
+    for line in script:
+        call(shlex.split(line.replace("python ", f"{shlex.quote(str(python))} ", 1)), away)
 
 
 # --- the C++ library -------------------------------------------------------------------------------
@@ -260,11 +279,92 @@ def name_of(requirement: str) -> str:
     return re.split(r"[ <>=]", requirement)[0]
 
 
+def conda_recipe(**variables: str) -> Any:
+    """The recipe with its ``${{ ... }}`` filled in; an unknown name is an error."""
+    yaml, jinja2 = pytest.importorskip("yaml"), pytest.importorskip("jinja2")
+    recipe = yaml.safe_load((PACKAGING / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    marks = {"variable_start_string": "${{", "variable_end_string": "}}"}
+    fill = jinja2.Environment(undefined=jinja2.StrictUndefined, autoescape=False, **marks)
+    names = {"PYTHON": "python", **recipe["context"], **variables}
+    names |= {name: partial("{1}-{0}".format, name) for name in ("compiler", "stdlib")}
+
+    def filled(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {key: filled(value) for key, value in node.items()}
+        if isinstance(node, list):
+            return [filled(each) for each in node]
+        return fill.from_string(node).render(names) if isinstance(node, str) else node
+
+    return filled(recipe)
+
+
+# conda's names -> Debian's; None: what another package of the list brings
+DEBIAN = {
+    "c-compiler": "g++",
+    "cxx-compiler": "g++",
+    "c-stdlib": None,
+    "cmake": "cmake",
+    "ninja": "ninja-build",
+    "pkg-config": "pkgconf",
+    "python": None,
+    "pip": "python3-pip",
+    "scikit-build-core": "python3-scikit-build-core",
+    "pybind11": "python3-pybind11",
+    "mpich": None,
+    "petsc": "libpetsc-real-dev",
+    "petsc4py": "python3-petsc4py",
+    "eigen": "libeigen3-dev",
+    "libcholmod": "libsuitesparse-dev",
+    "libblas": "libopenblas-pthread-dev",
+    "liblapack": "libopenblas-pthread-dev",
+    "numpy": None,
+    "scipy": "python3-scipy",
+    "mpi4py": "python3-mpi4py",
+    "fenics-dolfinx": "python3-dolfinx",
+    "python-gmsh": "python3-gmsh",
+    "h5py": "python3-h5py",
+    "matplotlib-base": "python3-matplotlib",
+}
+
+
+def test_conda_recipe_is_well_formed() -> None:
+    """Keys of the schema, specifications that can be read, nothing that is not filled in."""
+    recipe = conda_recipe()
+    assert set(recipe) == {"context", "package", "source", "build", "requirements", "tests", "about"}
+    assert set(recipe["requirements"]) == {"build", "host", "run"}
+    assert set(recipe["build"]) <= {"number", "skip", "script", "noarch"}
+    assert set(recipe["about"]) <= {"homepage", "repository", "summary", "license", "license_file"}
+    bound = r"[<>=!]=?[0-9.]+"
+    specification = re.compile(rf"[a-z0-9][a-z0-9._-]*( (\*|{bound}(,{bound})*)( [a-z0-9_*]+)?)?")
+    for section in recipe["requirements"].values():
+        for each in section:
+            assert specification.fullmatch(each), each
+    folder = PACKAGING / "conda"
+    assert (folder / recipe["source"]["path"] / "pyproject.toml").resolve() == ROOT / "pyproject.toml"
+    assert (ROOT / recipe["about"]["license_file"]).is_file()
+
+
+def test_what_conda_needs_is_what_debian_needs() -> None:
+    """The recipe, the page on installation and the packages of the private root name the same things."""
+    lines = (ROOT / "tools" / "env" / "packages.txt").read_text(encoding="utf-8").splitlines()
+    packages = {line for line in lines if line and not line.startswith("#")}
+    sections = conda_recipe()["requirements"].values()
+    conda = {name_of(each) for section in sections for each in section}
+    assert conda == set(DEBIAN), "a name that is new or gone: adapt DEBIAN"
+    assert {each for each in DEBIAN.values() if each} <= packages
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    (apt,) = re.findall(r"`apt-get install ([^`]*)`", page)
+    assert set(apt.split()) <= packages
+    (named,) = re.findall(r"`conda install -c conda-forge ([^`]*)`", page)
+    assert set(named.split()) <= conda
+    for extra in PROJECT["project"]["optional-dependencies"]["test"]:
+        assert f"python3-{name_of(extra)}" in packages
+
+
 def test_conda_recipe_agrees_with_the_project() -> None:
-    yaml = pytest.importorskip("yaml")
-    recipe = yaml.safe_load((ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    recipe = conda_recipe()
     project = PROJECT["project"]
-    assert recipe["context"]["version"] == project["version"]
+    assert recipe["context"]["version"] == recipe["package"]["version"] == project["version"]
     assert recipe["package"]["name"] == project["name"]
     assert recipe["about"]["summary"] == project["description"]
     requirements = recipe["requirements"]
@@ -284,3 +384,26 @@ def test_container_file_copies_what_there_is() -> None:
     copied = [name for line in lines if line.startswith("COPY ") for name in line.split()[1:-1]]
     assert {"CMakeLists.txt", "pyproject.toml", "latin_core", "dolfinx_frontend"} <= set(copied)
     assert all((ROOT / name).exists() for name in copied)
+
+
+@pytest.mark.slow
+def test_what_the_container_copies_is_enough(tmp_path: Path) -> None:
+    """CMake configures, and the package's metadata can be made, from these files alone."""
+    pytest.importorskip("scikit_build_core")
+    text = (PACKAGING / "Containerfile").read_text(encoding="utf-8")
+    target = tmp_path / "latin-core"
+    target.mkdir()
+    for line in re.findall(r"^COPY (.*)$", text, flags=re.M):
+        *names, there = line.split()
+        base = target / Path(there).relative_to("/opt/latin-core")
+        for name in names:
+            if (ROOT / name).is_dir():
+                shutil.copytree(ROOT / name, base, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+            else:
+                shutil.copy(ROOT / name, base)
+    python = f"-DPython_EXECUTABLE={sys.executable}"
+    call(["cmake", "-S", str(target), "-B", str(tmp_path / "build"), python], tmp_path)
+    script = "import scikit_build_core.build as b; print(b.prepare_metadata_for_build_wheel('.'))"
+    call([sys.executable, "-c", script], target)
+    (metadata,) = target.glob("*.dist-info")
+    assert f"Version: {PROJECT['project']['version']}" in (metadata / "METADATA").read_text()
