@@ -255,6 +255,9 @@ Measured Run::rescue(Measured measured) {
     error_.restart();
     measured = stages_.measure(at(), history_, stop_);
   }
+  if (settle()) {
+    return measured;  // checks cost more than the search, and find no more
+  }
   const State found = verification_->settled().has_value() ? state_ : State{};
   const bool checks = Verification::known_of_search(stages_.laws());
   for (Index i = 0; checks && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
@@ -275,6 +278,17 @@ Measured Run::rescue(Measured measured) {
     measured = stages_.measure(at(), history_, stop_);
   }
   return measured;
+}
+
+/// Take the errors that a search knows by itself. @return whether they are below the tolerance
+bool Run::settle() {
+  const std::optional<Matrix>& settled = verification_->settled();
+  if (!settled.has_value() || !(error_.largest(*settled) <= options_.rtol)) {
+    return false;
+  }
+  errors_ = *settled;
+  summary_.error = error_.largest(errors_);
+  return true;
 }
 
 /// Replace the estimate by what a check finds, and the iterate by a better one where it is not good enough.
