@@ -34,9 +34,10 @@ constexpr double of_rounding = 1e-7;
 constexpr Index most_of_rounding = 3;
 constexpr Index most_rounds = 200;
 constexpr Index most_newton = 60;
-/// Operations that condensing may stand for in all factorisations of a search, where it is not cheap, and how many of
-/// those there are in any case.
+/// Operations that condensing may stand for in all factorisations of a search, where it is not cheap, what all of those
+/// on the jumps of contacts may take, and how many there are in any case.
 constexpr double bearable_work = 1e11;
+constexpr double bearable_of_jumps = 1e12;
 constexpr Index least_left = 20;
 /// Steps of Newton's method without progress, where there is no potential.
 constexpr Index patience = 12;
@@ -148,11 +149,11 @@ void Multipliers::set_flexibility(double factor) {
 
 bool Multipliers::solve(State& state, Index most) {
   const substructure::Structure& structure = laws_.structure();
-  const double each =
-      std::max(contacts_.reduced() ? contacts_.work() : structure.work().condense, 1.0);
+  const double each = contacts_.reduced() ? contacts_.work() : structure.work().condense;
+  const double bearable = contacts_.reduced() ? bearable_of_jumps : bearable_work;
   left_ = Tangent::possible(structure)
               ? most
-              : std::min(most, static_cast<Index>(bearable_work / each) + least_left);
+              : std::min(most, static_cast<Index>(bearable / std::max(each, 1.0)) + least_left);
   before_last_ = state;
   placeless_ = Matrix::Zero(state.data.cols(), static_cast<Index>(structure.bodies().size()));
   memory_ = system_.blank();
@@ -560,7 +561,8 @@ bool Multipliers::find_equilibrium() {
     if (!residual.allFinite()) {
       return false;
     }
-    if (residual.norm() <= rounding_share * terms().norm()) {
+    const Vector pushed = tangent_.jumps().transpose() * areas_.cwiseProduct(at.force);
+    if (residual.norm() <= rounding_share * (terms().norm() + pull_.norm() + pushed.norm())) {
       return true;  // steps that what is loose takes from here on are rounding
     }
     if (!step_from(at, residual, step)) {
