@@ -255,10 +255,10 @@ bool Multipliers::solve_column() {
       set_flexibility(std::max(harder * factor_, 1.0));
       continue;
     }
-    if (good && now < settled) {
+    if (good && !loose_ && now < settled) {
       return true;
     }
-    if (!good || now > of_rounding) {
+    if (!good || loose_ || now > of_rounding) {
       rounds_of_rounding = 0;
     } else if (rounds_of_rounding == 0 || now < 0.5 * change_of_rounding) {
       rounds_of_rounding = 1;
@@ -552,6 +552,7 @@ double Multipliers::step_length(const Answered& at, const Vector& residual, cons
 bool Multipliers::find_equilibrium() {
   best_ = std::numeric_limits<double>::infinity();
   since_ = 0;
+  loose_ = false;
   double last = std::numeric_limits<double>::infinity();
   bool whole = false;
   Vector step;
@@ -561,16 +562,20 @@ bool Multipliers::find_equilibrium() {
     if (!residual.allFinite()) {
       return false;
     }
-    const Vector pushed = tangent_.jumps().transpose() * areas_.cwiseProduct(at.force);
-    if (residual.norm() <= rounding_share * (terms().norm() + pull_.norm() + pushed.norm())) {
-      return true;  // steps that what is loose takes from here on are rounding
-    }
     if (!step_from(at, residual, step)) {
       return false;
     }
     const double now = change(step, {});
     if (!held_ && (now < short_step || (now < of_rounding && whole && now > 0.5 * last))) {
       moved_ += step;
+      return true;
+    }
+    const Vector pushed = tangent_.jumps().transpose() * areas_.cwiseProduct(at.force);
+    if (!held_ &&
+        residual.norm() <= rounding_share * (terms().norm() + pull_.norm() + pushed.norm())) {
+      // steps that what is loose takes from here on are rounding; those of others are to be seen
+      moved_ += step;
+      loose_ = change(step, forceless()) > of_rounding;
       return true;
     }
     const double length = step_length(at, residual, step);

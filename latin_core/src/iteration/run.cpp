@@ -255,8 +255,8 @@ Measured Run::rescue(Measured measured) {
     error_.restart();
     measured = stages_.measure(at(), history_, stop_);
   }
-  if (settle()) {
-    return measured;  // checks cost more than the search, and find no more
+  if (!Verification::known(stages_.laws()) && settle()) {
+    return measured;  // a check costs more than the search
   }
   const State found = verification_->settled().has_value() ? state_ : State{};
   const bool checks = Verification::known_of_search(stages_.laws());

@@ -105,6 +105,7 @@ class Multipliers {
   Vector keeping_;  ///< springs that keep bodies where the round before has left them, (unknowns)
   bool keeps_ = false;  ///< whether there are any
   bool held_ = false;   ///< whether more springs than least hold the bodies in a step
+  bool loose_ = false;  ///< whether an equilibrium was found but for where its parts are
   double best_ = 0.0;
   Index since_ = 0;
   Index left_ = 0;  ///< factorisations
