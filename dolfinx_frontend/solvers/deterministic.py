@@ -46,8 +46,8 @@ def solve_once(
     `before` is a result of the same scene on other meshes: parts that kept theirs keep their factors, and the
     iteration starts from its fields.
 
-    A run that gives up, its search for an answer included, is made again from nothing by the other plans, one after
-    the other until one of them converges. These do not search again: what is searched on is the same structure.
+    A run that gives up, its search for an answer included, is made again from nothing by the other plans, one
+    after the other until one of them converges. These do not search again: the structure is the same.
     """
     began = perf_counter()
     given = start_states(start)

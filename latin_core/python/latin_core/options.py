@@ -52,8 +52,8 @@ class Options:
     scatter
         Points of a sweep are samples: the tolerance is held by what they scatter by, too. Samplings set it.
     search
-        Whether a run that is about to give up searches for its answer on the assembled structure, where the price
-        of that is bearable.
+        Whether a run that is about to give up searches for its answer on the assembled structure, where the
+        price of that is bearable.
     macro
         Coarse problem that balances the forces between the parts at every iteration: ``"linear"`` (their
         moments, too), ``"resultants"``, ``"none"``, or ``"automatic"``: linear where the accelerated

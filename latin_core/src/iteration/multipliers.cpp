@@ -341,9 +341,9 @@ std::size_t Multipliers::body_of(Index row) const {
 std::vector<bool> Multipliers::forceless() const {
   const Vector sizes = of_bodies(tangent_, forces_on_bodies());
   const Vector of_terms = of_bodies(tangent_, terms());
-  std::vector<bool> found;
+  std::vector<bool> found(static_cast<std::size_t>(sizes.size()));
   for (Index b = 0; b < sizes.size(); ++b) {
-    found.push_back(sizes(b) <= no_force * of_terms(b));
+    found[static_cast<std::size_t>(b)] = sizes(b) <= no_force * of_terms(b);
   }
   return found;
 }
