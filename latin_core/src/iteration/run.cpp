@@ -255,7 +255,7 @@ Measured Run::rescue(Measured measured) {
     error_.restart();
     measured = stages_.measure(at(), history_, stop_);
   }
-  if (!Verification::known(stages_.laws()) && settle()) {
+  if (!Verification::known(stages_.laws()) && settle(verification_->settled())) {
     return measured;  // a check costs more than the search
   }
   const State found = verification_->settled().has_value() ? state_ : State{};
@@ -281,8 +281,7 @@ Measured Run::rescue(Measured measured) {
 }
 
 /// Take the errors that a search knows by itself. @return whether they are below the tolerance
-bool Run::settle() {
-  const std::optional<Matrix>& settled = verification_->settled();
+bool Run::settle(const std::optional<Matrix>& settled) {
   if (!settled.has_value() || !(error_.largest(*settled) <= options_.rtol)) {
     return false;
   }
