@@ -46,8 +46,8 @@ def solve_once(
     `before` is a result of the same scene on other meshes: parts that kept theirs keep their factors, and the
     iteration starts from its fields.
 
-    A run that gives up is made again from nothing by the other plans, one after the other until one of them
-    converges.
+    A run that gives up, its search for an answer included, is made again from nothing by the other plans, one
+    after the other until one of them converges. These do not search again: the structure is the same.
     """
     began = perf_counter()
     given = start_states(start)
@@ -88,7 +88,7 @@ def _by_another(
         try:
             solver = Solver(first.problem, plan)
             setup = perf_counter() - began
-            again = _run(solver, plan, (), setup, callback, progress, first.estimator)
+            again = _run(solver, plan, (), setup, callback, progress, first.estimator, search=False)
         except (SceneError, NumericalError):
             continue  # there is an answer of some kind, and this is no way to a better one
         spent = {name: spent[name] + seconds for name, seconds in again.seconds.items()}
@@ -124,10 +124,11 @@ def _run(
     callback: Callable[[Iteration], None] | None,
     progress: bool,
     estimator: Estimator,
+    search: bool = True,
 ) -> Result:
     began = perf_counter()
     laws = solver.laws
-    options = plan.options
+    options = plan.options if search else plan.options.with_(search=False)
     if solver.space is not None:
         options = options.with_(rtol=(1.0 - SHARE) * options.rtol)
     summary, state = solver.run(laws, options, plan.amplitudes, start, callback, progress)

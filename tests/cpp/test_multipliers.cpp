@@ -32,6 +32,17 @@ TEST(Multipliers, WhatNothingHoldsIsNotFound) {
   EXPECT_FALSE(Multipliers(laws).solve(at.state, many));
 }
 
+TEST(Multipliers, WhatTouchesNothingAndBearsNothingHasNoPlaceOfItsOwn) {
+  for (const double force : {0.0, -2.0}) {
+    const substructure::Laws laws = chain::Pushed{.force = force, .gap = 1.0}.build();
+    chain::Evaluated at(laws, Matrix::Ones(1, 1));
+    Multipliers multipliers(laws);
+    ASSERT_TRUE(multipliers.solve(at.state, many)) << force;
+    // the spring of the first bar, without force as well, gives it its place
+    EXPECT_EQ(multipliers.placeless(), (Matrix(1, 3) << 0.0, force == 0.0, 0.0).finished());
+  }
+}
+
 TEST(Multipliers, FrictionHoldsItsBoundOrSticks) {
   const chain::Sliding scene{.count = 2};
   const substructure::Laws laws = scene.build();

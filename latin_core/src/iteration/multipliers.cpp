@@ -4,16 +4,25 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/iteration/error_estimate.hpp"
 
 namespace latin::iteration {
 namespace {
 
+using substructure::ContactTangent;
 using substructure::Tangent;
 
 /// c relative to the softness of the bodies, and what it becomes where rounds converge slowly.
 constexpr double first_flexibility = 3e-3;
+/// Where Newton's method fails what is loose lands on soft springs first: factors of c from one round to the next. In the
+/// first of them all points stick, as if they were pressed together by so many times what anything moves: without
+/// friction, of which nothing is known yet, loads along the faces would carry parts away.
+constexpr double landing = 1e3;
+constexpr double harder = 0.1;
+constexpr double pressed = 1e3;
 constexpr double slower = 0.1;
 constexpr double least_factor = 1e-5;
 constexpr Index rounds_between = 8;
@@ -25,9 +34,10 @@ constexpr double of_rounding = 1e-7;
 constexpr Index most_of_rounding = 3;
 constexpr Index most_rounds = 200;
 constexpr Index most_newton = 60;
-/// Operations that condensing may stand for in all factorisations of a search, where it is not cheap, and how many of
-/// those there are in any case.
+/// Operations that condensing may stand for in all factorisations of a search, where it is not cheap, what all of those
+/// on the jumps of contacts may take, and how many there are in any case.
 constexpr double bearable_work = 1e11;
+constexpr double bearable_of_jumps = 1e12;
 constexpr Index least_left = 20;
 /// Steps of Newton's method without progress, where there is no potential.
 constexpr Index patience = 12;
@@ -43,7 +53,7 @@ constexpr double after_halvings = 0.3;
 constexpr double idle = 1e-3;
 constexpr double keeping = 1e-6;
 /// Springs that hold what flies, relative to the search direction.
-constexpr std::array<double, 5> holds{Tangent::least_hold, 1e-8, keeping, 1e-4, 1e-2};
+constexpr std::array<double, 5> holds{ContactTangent::least_hold, 1e-8, keeping, 1e-4, 1e-2};
 /// Rounds with bounds held, at first and at most.
 constexpr Index first_wait = 6;
 constexpr Index most_wait = 100;
@@ -54,8 +64,33 @@ constexpr int most_bisections = 40;
 constexpr double rounding = 1e-8;
 /// Diagonals of the bodies below this fraction of the largest are none.
 constexpr double least_diagonal = 1e-12;
+/// Forces of a body below this fraction of its terms are none.
+constexpr double no_force = 10.0 * rounding_share;
 /// Slopes that differ by less are symmetric.
 constexpr double same = 1e-6;
+
+/// Unknowns of nonlinear laws.
+std::vector<Index> nonlinear(const substructure::Laws& laws) {
+  std::vector<Index> unknowns;
+  const auto& interfaces = laws.structure().interfaces();
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    for (Index k = 0; k < interfaces[i].size() && !laws.of(i).law->linear(); ++k) {
+      unknowns.push_back(interfaces[i].first_unknown + k);
+    }
+  }
+  return unknowns;
+}
+
+/// Sizes of forces on the active unknowns, (bodies).
+Vector of_bodies(const Tangent& tangent, const Vector& forces) {
+  const std::vector<Index>& first = tangent.first_active();
+  Vector sizes(static_cast<Index>(first.size()) - 1);
+  for (Index b = 0; b < sizes.size(); ++b) {
+    const auto at = static_cast<std::size_t>(b);
+    sizes(b) = forces(Eigen::seq(first[at], first[at + 1] - 1)).norm();
+  }
+  return sizes;
+}
 
 }  // namespace
 
@@ -71,7 +106,8 @@ Multipliers::Multipliers(const substructure::Laws& laws,
     : laws_(laws),
       system_(laws),
       tangent_(laws.structure(),
-               joined ? std::move(joined) : std::make_shared<const substructure::Joined>(laws)) {
+               joined ? std::move(joined) : std::make_shared<const substructure::Joined>(laws)),
+      contacts_(tangent_, nonlinear(laws)) {
   const substructure::Structure& structure = laws.structure();
   areas_.resize(system_.unknowns());
   softness_ = Vector::Zero(system_.unknowns());
@@ -103,16 +139,23 @@ Multipliers::Multipliers(const substructure::Laws& laws,
 
 void Multipliers::set_flexibility(double factor) {
   factor_ = factor;
-  flexibility_ = system_.law_flexibility(first_flexibility * factor * softness_);
+  Vector wanted = first_flexibility * softness_;
+  // rounds do not converge slowly for linear laws, and a structure with other tangents of theirs is another one
+  for (const Index unknown : contacts_.varying()) {
+    wanted(unknown) *= factor;
+  }
+  flexibility_ = system_.law_flexibility(wanted);
 }
 
 bool Multipliers::solve(State& state, Index most) {
   const substructure::Structure& structure = laws_.structure();
-  const double each = std::max(structure.work().condense, 1.0);
+  const double each = contacts_.reduced() ? contacts_.work() : structure.work().condense;
+  const double bearable = contacts_.reduced() ? bearable_of_jumps : bearable_work;
   left_ = Tangent::possible(structure)
               ? most
-              : std::min(most, static_cast<Index>(bearable_work / each) + least_left);
+              : std::min(most, static_cast<Index>(bearable / std::max(each, 1.0)) + least_left);
   before_last_ = state;
+  placeless_ = Matrix::Zero(state.data.cols(), static_cast<Index>(structure.bodies().size()));
   memory_ = system_.blank();
   Vector carried;
   bool all = true;
@@ -130,12 +173,14 @@ bool Multipliers::solve(State& state, Index most) {
                  ? carried
                  : system_.forces(column_, memory_, free.col(0), system_.direct());
     frozen_.resize(0);
-    keeping_.resize(0);
+    keeping_ = Vector::Zero(system_.unknowns());
+    keeps_ = false;
     moved_before_ = moved_;
     force_before_ = force_;
     const bool found = solve_column();
     all = all && found;
     carried = force_;
+    find_placeless();
     if (laws_.remembers()) {
       system_.advance(column_, memory_, free_jump(), flexibility_);
     }
@@ -164,6 +209,8 @@ bool Multipliers::solve_column() {
   Vector moved_there;
   Vector force_there;
   Vector bounds;
+  bool landed = false;
+  bool sticks = false;
   for (Index round = 0; round < most_rounds && left_ > 0; ++round) {
     const Vector before = moved_;
     moved_before_ = moved_;
@@ -172,7 +219,9 @@ bool Multipliers::solve_column() {
     const bool frozen = frozen_rounds > 0;
     if (frozen) {
       const Vector now = free_jump();
-      if (bounds.size() == 0) {
+      if (sticks) {
+        bounds = all_pressed();
+      } else if (bounds.size() == 0) {
         bounds = now;
       } else {
         follow(bounds, now);
@@ -182,10 +231,15 @@ bool Multipliers::solve_column() {
       frozen_.resize(0);
     }
     const bool good = find_equilibrium();
-    if (!good && !frozen && !coupled_.empty()) {
+    if (!good && !frozen && (!landed || !coupled_.empty())) {
       moved_ = before;
       frozen_rounds = wait;
       wait = std::min(2 * wait, most_wait);
+      if (!landed) {
+        landed = true;
+        sticks = true;
+        set_flexibility(landing);
+      }
       continue;
     }
     const Vector force = force_at(free_jump());
@@ -193,11 +247,18 @@ bool Multipliers::solve_column() {
       return false;
     }
     force_ = force;
-    const double now = change(moved_ - before);
-    if (good && now < settled) {
+    const double now = change(moved_ - before, forceless());
+    if (std::exchange(sticks, false)) {
+      bounds.resize(0);
+    }
+    if (factor_ > 1.0) {
+      set_flexibility(std::max(harder * factor_, 1.0));
+      continue;
+    }
+    if (good && !loose_ && now < settled) {
       return true;
     }
-    if (!good || now > of_rounding) {
+    if (!good || loose_ || now > of_rounding) {
       rounds_of_rounding = 0;
     } else if (rounds_of_rounding == 0 || now < 0.5 * change_of_rounding) {
       rounds_of_rounding = 1;
@@ -225,33 +286,99 @@ bool Multipliers::solve_column() {
 /// rounding likes. Where the rounds end it bears no force of these springs.
 void Multipliers::keep_idle() {
   const substructure::Structure& structure = laws_.structure();
-  const Vector needed = tangent_.stiffness_times(moved_) + pull_;
-  const std::vector<Index>& first = tangent_.first_active();
-  Vector sizes(static_cast<Index>(structure.bodies().size()));
+  const Vector sizes = of_bodies(tangent_, forces_on_bodies());
+  std::vector<bool> idles(structure.bodies().size());
   for (Index b = 0; b < sizes.size(); ++b) {
-    const auto at = static_cast<std::size_t>(b);
-    sizes(b) = needed(Eigen::seq(first[at], first[at + 1] - 1)).norm();
+    idles[static_cast<std::size_t>(b)] = sizes(b) <= idle * sizes.maxCoeff();
   }
-  for (Index b = 0; b < sizes.size(); ++b) {
-    const auto at = static_cast<std::size_t>(b);
-    if (structure.bodies()[at].rows() == 0 || sizes(b) > idle * sizes.maxCoeff()) {
-      continue;
+  for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
+    const substructure::ActiveInterface& interface = structure.interface(i);
+    const bool keeps =
+        !laws_.of(i).law->linear() &&
+        std::ranges::any_of(interface.rows, [&](Index row) { return idles[body_of(row)]; });
+    if (keeps) {
+      keeping_.segment(interface.first_unknown, interface.size()) =
+          keeping * interface.flexibility.cwiseInverse();
+      keeps_ = true;
     }
-    if (keeping_.size() == 0) {
-      keeping_ = Vector::Zero(structure.weights().size());
-    }
-    const auto rows = Eigen::seqN(structure.body_rows()[at], structure.bodies()[at].rows());
-    keeping_(rows) = keeping * structure.weights()(rows).cwiseProduct(structure.directions()(rows));
   }
 }
 
+/// Bodies without forces, and without interfaces that would hold them if they moved a little away.
+void Multipliers::find_placeless() {
+  const substructure::Structure& structure = laws_.structure();
+  Vector away = free_jump();
+  const double little = of_rounding * (traces_ + tangent_.traces() * moved_).cwiseAbs().maxCoeff();
+  for (const auto& [normal, count] : coupled_) {
+    away(normal) += little;
+  }
+  for (const Index unknown : single_) {
+    away(unknown) += little;
+  }
+  const Matrix slopes = system_.slopes(column_, memory_, away, flexibility_);
+  auto found = placeless_.row(column_);
+  const std::vector<bool> without_force = forceless();
+  for (std::size_t b = 0; b < without_force.size(); ++b) {
+    found(static_cast<Index>(b)) = without_force[b] && structure.bodies()[b].rows() > 0 ? 1.0 : 0.0;
+  }
+  for (const substructure::ActiveInterface& interface : structure.interfaces()) {
+    const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size());
+    if ((slopes(unknowns, every).array() != 0.0).any()) {
+      for (const Index row : interface.rows) {
+        found(static_cast<Index>(body_of(row))) = 0.0;
+      }
+    }
+  }
+}
+
+/// Which body has a row.
+std::size_t Multipliers::body_of(Index row) const {
+  const std::vector<Index>& first = laws_.structure().body_rows();
+  return static_cast<std::size_t>(std::ranges::upper_bound(first, row) - first.begin()) - 1;
+}
+
+/// Bodies whose forces are rounding.
+std::vector<bool> Multipliers::forceless() const {
+  const Vector sizes = of_bodies(tangent_, forces_on_bodies());
+  const Vector of_terms = of_bodies(tangent_, terms());
+  std::vector<bool> found(static_cast<std::size_t>(sizes.size()));
+  for (Index b = 0; b < sizes.size(); ++b) {
+    found[static_cast<std::size_t>(b)] = sizes(b) <= no_force * of_terms(b);
+  }
+  return found;
+}
+
+/// What forces of the bodies are the balance of, at least, (active).
+Vector Multipliers::terms() const {
+  const Vector traces = traces_ + tangent_.traces() * moved_;
+  return tangent_.nodal(laws_.structure().directions().cwiseProduct(traces.cwiseAbs()));
+}
+
+/// What the bodies need of the interfaces, (active).
+Vector Multipliers::forces_on_bodies() const { return tangent_.stiffness_times(moved_) + pull_; }
+
 /// Forces of the bodies, and of what keeps some of them.
 Vector Multipliers::stiffness_times(const Vector& moved) const {
-  Vector forces = tangent_.stiffness_times(moved);
-  if (keeping_.size() > 0) {
-    forces += tangent_.traces().transpose() * keeping_.cwiseProduct(tangent_.traces() * moved);
+  return tangent_.stiffness_times(moved) + kept_forces(moved);
+}
+
+Vector Multipliers::kept_forces(const Vector& moved) const {
+  if (!keeps_) {
+    return Vector::Zero(moved.size());
   }
-  return forces;
+  const Vector springs = areas_.cwiseProduct(keeping_);
+  return tangent_.jumps().transpose() * springs.cwiseProduct(tangent_.jumps() * moved);
+}
+
+/// Free jumps of points that are pressed together by far.
+Vector Multipliers::all_pressed() const {
+  Vector jump = free_jump();
+  const double reach = (traces_ + tangent_.traces() * moved_).cwiseAbs().maxCoeff();
+  const double far = pressed * (jump.cwiseAbs().maxCoeff() + reach);
+  for (const auto& [normal, count] : coupled_) {
+    jump(normal) = -far;
+  }
+  return jump;
 }
 
 /// Free jumps whose normal forces are between those of two others.
@@ -329,31 +456,23 @@ Multipliers::Answered Multipliers::ask() const {
 }
 
 Vector Multipliers::residual_of(const Vector& force) const {
-  Vector residual = tangent_.stiffness_times(moved_) + pull_ +
-                    tangent_.jumps().transpose() * areas_.cwiseProduct(force);
-  if (keeping_.size() > 0) {
-    residual += tangent_.traces().transpose() *
-                keeping_.cwiseProduct(tangent_.traces() * (moved_ - moved_before_));
-  }
-  return residual;
+  return tangent_.stiffness_times(moved_) + pull_ +
+         tangent_.jumps().transpose() * areas_.cwiseProduct(force) +
+         kept_forces(moved_ - moved_before_);
 }
 
 bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& step) {
-  const double least = keeping_.size() > 0 ? keeping : holds.front();
   for (const double hold : holds) {
-    if (hold < least) {
-      continue;
-    }
     try {
       --left_;
-      tangent_.factorise_stiffness(at.slopes, hold);
-      step = -tangent_.solve(residual);
+      contacts_.factorise(at.slopes, keeping_.cwiseMax(hold * system_.direct().cwiseInverse()));
+      step = -contacts_.solve(residual);
     } catch (const NumericalError&) {
       continue;
     }
     if (step.allFinite() &&
         (!at.symmetric || step.dot(residual) <= rounding * step.norm() * residual.norm())) {
-      held_ = hold > least;
+      held_ = hold > holds.front();
       return true;
     }
   }
@@ -433,18 +552,30 @@ double Multipliers::step_length(const Answered& at, const Vector& residual, cons
 bool Multipliers::find_equilibrium() {
   best_ = std::numeric_limits<double>::infinity();
   since_ = 0;
+  loose_ = false;
   double last = std::numeric_limits<double>::infinity();
   bool whole = false;
   Vector step;
   for (Index count = 0; count < most_newton && left_ > 0; ++count) {
     const Answered at = ask();
     const Vector residual = residual_of(at.force);
-    if (!residual.allFinite() || !step_from(at, residual, step)) {
+    if (!residual.allFinite()) {
       return false;
     }
-    const double now = change(step);
+    if (!step_from(at, residual, step)) {
+      return false;
+    }
+    const double now = change(step, {});
     if (!held_ && (now < short_step || (now < of_rounding && whole && now > 0.5 * last))) {
       moved_ += step;
+      return true;
+    }
+    const Vector pushed = tangent_.jumps().transpose() * areas_.cwiseProduct(at.force);
+    if (!held_ &&
+        residual.norm() <= rounding_share * (terms().norm() + pull_.norm() + pushed.norm())) {
+      // steps that what is loose takes from here on are rounding; those of others are to be seen
+      moved_ += step;
+      loose_ = change(step, forceless()) > of_rounding;
       return true;
     }
     const double length = step_length(at, residual, step);
@@ -459,13 +590,17 @@ bool Multipliers::find_equilibrium() {
 }
 
 /// The largest change of a body's faces, relative to their displacements.
-double Multipliers::change(const Vector& step) const {
+/// @param apart bodies that do not count; empty: all do
+double Multipliers::change(const Vector& step, const std::vector<bool>& apart) const {
   const substructure::Structure& structure = laws_.structure();
   const Vector now = traces_ + tangent_.traces() * moved_;
   const Vector moves = tangent_.traces() * step;
   const double reach = now.cwiseAbs().maxCoeff();
   double worst = 0.0;
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    if (!apart.empty() && apart[b]) {
+      continue;
+    }
     const auto rows = Eigen::seqN(structure.body_rows()[b], structure.bodies()[b].rows());
     const double size = std::max(now(rows).norm(), std::numeric_limits<double>::epsilon() * reach);
     const double moved = moves(rows).norm();

@@ -233,7 +233,7 @@ bool Run::verifies() const {
 
 /// Whether a run that gives up looks for its answer in other ways.
 bool Run::searches() const {
-  return !options_.stop_on_indicator && Verification::searches(stages_.laws());
+  return options_.search && !options_.stop_on_indicator && Verification::searches(stages_.laws());
 }
 
 /// Try what is left before giving up: a search from the best iterate.
@@ -255,6 +255,9 @@ Measured Run::rescue(Measured measured) {
     error_.restart();
     measured = stages_.measure(at(), history_, stop_);
   }
+  if (!Verification::known(stages_.laws()) && settle(verification_->settled())) {
+    return measured;  // a check costs more than the search
+  }
   const State found = verification_->settled().has_value() ? state_ : State{};
   const bool checks = Verification::known_of_search(stages_.laws());
   for (Index i = 0; checks && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
@@ -275,6 +278,16 @@ Measured Run::rescue(Measured measured) {
     measured = stages_.measure(at(), history_, stop_);
   }
   return measured;
+}
+
+/// Take the errors that a search knows by itself. @return whether they are below the tolerance
+bool Run::settle(const std::optional<Matrix>& settled) {
+  if (!settled.has_value() || !(error_.largest(*settled) <= options_.rtol)) {
+    return false;
+  }
+  errors_ = *settled;
+  summary_.error = error_.largest(errors_);
+  return true;
 }
 
 /// Replace the estimate by what a check finds, and the iterate by a better one where it is not good enough.

@@ -508,8 +508,10 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
     found = multipliers.solve(better_, most);
     linear_->take(stages_.laws(), better_);
     const Whole whole = stages_.whole(better_);
+    const Matrix placed = 1.0 - multipliers.placeless().array();
     left = carried(whole.relative(gauge_.of_distance(better_, multipliers.before_last())))
-               .cwiseMax(linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole));
+               .cwiseMax(linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole))
+               .cwiseProduct(placed);
   } catch (const NumericalError&) {
     return false;
   }

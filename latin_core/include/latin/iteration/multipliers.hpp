@@ -6,6 +6,7 @@
 
 #include "latin/iteration/stages.hpp"
 #include "latin/iteration/state.hpp"
+#include "latin/substructure/contact_tangent.hpp"
 #include "latin/substructure/interface_system.hpp"
 #include "latin/substructure/tangent.hpp"
 
@@ -41,6 +42,9 @@ class Multipliers {
   bool solve(State& state, Index most);
   /// The state before the last round: how far it is away is what the rounds have left of an error, at most.
   [[nodiscard]] const State& before_last() const { return before_last_; }
+  /// (columns, bodies) 1 where a body touches nothing, or touches without force what it can leave: its place is one of
+  /// many, and what rounding does to that no error.
+  [[nodiscard]] const Matrix& placeless() const { return placeless_; }
 
  private:
   struct Answered {
@@ -49,26 +53,34 @@ class Multipliers {
     bool symmetric;
   };
   [[nodiscard]] bool solve_column();
+  [[nodiscard]] Vector forces_on_bodies() const;
+  [[nodiscard]] Vector terms() const;
+  [[nodiscard]] std::vector<bool> forceless() const;
   /// Equilibrium with the forces at hand. @return whether it was found
   [[nodiscard]] bool find_equilibrium();
   [[nodiscard]] Answered ask() const;
   [[nodiscard]] Vector force_at(const Vector& jump) const;
   [[nodiscard]] Vector residual_of(const Vector& force) const;
   void keep_idle();
+  void find_placeless();
+  [[nodiscard]] std::size_t body_of(Index row) const;
   [[nodiscard]] Vector stiffness_times(const Vector& moved) const;
+  [[nodiscard]] Vector kept_forces(const Vector& moved) const;
   [[nodiscard]] bool step_from(const Answered& at, const Vector& residual, Vector& step);
   [[nodiscard]] double line_search(const Answered& at, const Vector& residual,
                                    const Vector& step) const;
   [[nodiscard]] double step_length(const Answered& at, const Vector& residual, const Vector& step);
   [[nodiscard]] Vector free_jump() const;
+  [[nodiscard]] Vector all_pressed() const;
   void follow(Vector& bounds, const Vector& now) const;
-  [[nodiscard]] double change(const Vector& step) const;
+  [[nodiscard]] double change(const Vector& step, const std::vector<bool>& apart) const;
   void set_flexibility(double factor);
   void write(const Vector& moved, const Vector& force, State& state) const;
 
   const substructure::Laws& laws_;
   substructure::InterfaceSystem system_;
   substructure::Tangent tangent_;
+  substructure::ContactTangent contacts_;
   Vector areas_;     ///< (unknowns)
   Vector softness_;  ///< length / modulus of the softer side, (unknowns)
   /// First unknowns of points with tangential components, and the number of their components.
@@ -88,10 +100,12 @@ class Multipliers {
   Vector moved_before_;  ///< the same, before the last round
   Vector force_before_;
   State before_last_;
-  Vector frozen_;  ///< free jumps of which friction takes its bounds; empty: of those at hand
-  Vector
-      keeping_;  ///< springs that keep bodies where the round before has left them, (rows); empty: none
-  bool held_ = false;  ///< whether more springs than least hold the bodies in a step
+  Matrix placeless_;
+  Vector frozen_;   ///< free jumps of which friction takes its bounds; empty: of those at hand
+  Vector keeping_;  ///< springs that keep bodies where the round before has left them, (unknowns)
+  bool keeps_ = false;  ///< whether there are any
+  bool held_ = false;   ///< whether more springs than least hold the bodies in a step
+  bool loose_ = false;  ///< whether an equilibrium was found but for where its parts are
   double best_ = 0.0;
   Index since_ = 0;
   Index left_ = 0;  ///< factorisations

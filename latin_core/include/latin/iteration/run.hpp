@@ -57,6 +57,7 @@ class Run {
   [[nodiscard]] Matrix estimate(const Measured& measured);
   Measured rescue(Measured measured);
   Measured verify(Measured measured, bool believed);
+  bool settle(const std::optional<Matrix>& settled);
   [[nodiscard]] bool verifies() const;
   [[nodiscard]] bool searches() const;
   void advance(const Measured& measured);
