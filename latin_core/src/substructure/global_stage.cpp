@@ -194,13 +194,24 @@ void GlobalStage::add_sizes(std::size_t b, ConstMatrixRef data, ConstMatrixRef t
   Eigen::Map<Matrix> f = block_.shaped(traces.rows(), traces.cols());
   f = data - body.directions().asDiagonal() * traces;
   const ScaledColumns* scaled = laws_.scaled(b);
+  const auto of_body = [&] {
+    if (!structure.carried(b) || laws_.response(b).extra.size() > 0) {
+      return body.energies(data, traces, f, amplitudes, laws_.response(b), work_);
+    }
+    Vector own(traces.cols());
+    for (Index column = 0; column < traces.cols(); ++column) {
+      own(column) = structure.straining(b, traces.col(column))
+                        .cwiseProduct(body.weights())
+                        .dot(f.col(column));
+    }
+    return own;
+  };
   const Vector energies =
       scaled != nullptr
           ? scaled->body->energies(scaled->into(data), scaled->into(traces),
                                    scaled->into(amplitudes), scaled->each(traces.cols()))
-      : laws_.field(b) != nullptr
-          ? energies_of_field(b, data, traces, f, amplitudes)
-          : body.energies(data, traces, f, amplitudes, laws_.response(b), work_);
+      : laws_.field(b) != nullptr ? energies_of_field(b, data, traces, f, amplitudes)
+                                  : of_body();
   const Vector pressed = pressed_energies(b, f, amplitudes);
   const auto at = static_cast<Index>(b);
   for (Index column = 0; column < traces.cols(); ++column) {

@@ -33,10 +33,11 @@ void add_sizes(const Structure& structure, std::size_t body, const ColumnGroups&
   const auto at = static_cast<Index>(body);
   for (Index column = 0; column < data.cols(); ++column) {
     const Index group = groups.of(column);
-    const auto w = traces.col(column).array();
-    const auto force = data.col(column).array() - structure.directions()(rows).array() * w;
-    sizes.strain(group, at) += (w * structure.weights()(rows).array() * force).sum();
-    sizes.trace(group, at) += structure.trace_size(body, traces.col(column));
+    const auto w = traces.col(column);
+    const auto force = data.col(column) - structure.directions()(rows).cwiseProduct(w);
+    sizes.strain(group, at) +=
+        structure.straining(body, w).cwiseProduct(structure.weights()(rows)).dot(force);
+    sizes.trace(group, at) += structure.trace_size(body, w);
   }
 }
 
@@ -137,8 +138,10 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       const bool no_trace = is_none(whole.trace, error.trace(g, b));
       double strain = least(whole.strain, error.strain(g, b));
       const bool ignored = counts == Noise::ignored;
-      // where nothing holds a body no work tells rounding of a rigid motion, which is a product of it, from a strain
-      const double of_motion = metric(b) > 0.0 ? whole.trace(g, b) / metric(b) * stiffness(b) : 0.0;
+      // where nothing holds a body no work tells rounding of a rigid motion, which is a product of it, from a strain;
+      // that of a body that is carried is not measured with its motion
+      const bool with_motion = !carried[static_cast<std::size_t>(b)] && metric(b) > 0.0;
+      const double of_motion = with_motion ? whole.trace(g, b) / metric(b) * stiffness(b) : 0.0;
       const bool strained = strain > strain_free * beside(whole.work, no_strain) &&
                             (ignored || strain > std::max(rounding * of_motion,
                                                           square(above_rounding) * strain_noise));
@@ -193,7 +196,15 @@ Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
   for (Index b = 0; b < metric.size(); ++b) {
     stiffness(b) = structure.bodies()[static_cast<std::size_t>(b)].active_stiffness().sum();
   }
-  return {groups, std::move(metric), std::move(stiffness), structure.component(),
+  std::vector<bool> carried(structure.bodies().size());
+  for (std::size_t b = 0; b < carried.size(); ++b) {
+    carried[b] = structure.carried(b);
+  }
+  return {groups,
+          std::move(metric),
+          std::move(stiffness),
+          std::move(carried),
+          structure.component(),
           Vector::Zero(structure.components())};
 }
 

@@ -131,6 +131,8 @@ class Body {
   [[nodiscard]] Index size() const { return size_; }
   [[nodiscard]] Index rows() const { return traces_.rows(); }
   [[nodiscard]] Index loads() const { return load_.cols(); }
+  /// Whether all its load patterns are zero.
+  [[nodiscard]] bool unloaded() const { return (load_.array() == 0.0).all(); }
   [[nodiscard]] Index active() const { return active_; }
   [[nodiscard]] bool condensed() const { return condensed_.size() > 0; }
   /// L of the Schur complement on the active unknowns; empty if not condensed.

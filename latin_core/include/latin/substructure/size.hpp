@@ -43,6 +43,7 @@ struct Yardstick {
   ColumnGroups groups;
   Vector metric;     ///< (bodies) sum of scale * W
   Vector stiffness;  ///< (bodies) sum of the stiffnesses of the active unknowns, each alone
+  std::vector<bool> carried;     ///< (bodies) see Structure::carried()
   std::vector<Index> component;  ///< (bodies) see Structure::component()
   /// (components) Mean square displacement (length^2) of the bodies that move most, over all ranks: what rounding
   /// is a fraction of.

@@ -124,6 +124,18 @@ class Structure {
     return whole.rows() == 0 ? of_sides : of_sides + (whole * traces).squaredNorm();
   }
 
+  /// Displacements (rows) of the sides of a body, of one that is carried without its motion as a whole, which forces in
+  /// equilibrium do no work on: products of the two are those of its strain, and not differences of larger ones.
+  template <class W>
+  [[nodiscard]] Vector straining(std::size_t body, const W& traces) const {
+    if (!carried_[body]) {
+      return traces;
+    }
+    return traces - rigid_[body] * (motions_[body] * traces);
+  }
+  /// Whether a body can move as a whole and nothing but forces of its sides strains it.
+  [[nodiscard]] bool carried(std::size_t body) const { return carried_[body]; }
+
   /// Whether some interface is paired, on any rank.
   [[nodiscard]] bool pairs() const { return pairs_; }
   /// A side of a paired interface that is on this rank.
@@ -178,6 +190,8 @@ class Structure {
   Vector trace_metric_;
   std::vector<Matrix>
       motions_;  ///< by body: of the whole, measured, by the displacements of the sides (r, rows)
+  std::vector<bool> carried_;  ///< by body
+  std::vector<Matrix> rigid_;  ///< by body: displacements of the sides of these motions (rows, r)
   Index rows_ = 0;
   Index total_rows_ = 0;
   Work work_;
