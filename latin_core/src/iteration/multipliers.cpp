@@ -64,8 +64,10 @@ constexpr int most_bisections = 40;
 constexpr double rounding = 1e-8;
 /// Diagonals of the bodies below this fraction of the largest are none.
 constexpr double least_diagonal = 1e-12;
-/// Forces of a body below this fraction of its terms are none.
+/// Forces of a body below this fraction of its terms are none, as long as those of others are so many times larger than
+/// that: what flies away has large terms.
 constexpr double no_force = 10.0 * rounding_share;
+constexpr double not_flown = 1e3;
 /// Slopes that differ by less are symmetric.
 constexpr double same = 1e-6;
 
@@ -337,13 +339,16 @@ std::size_t Multipliers::body_of(Index row) const {
   return static_cast<std::size_t>(std::ranges::upper_bound(first, row) - first.begin()) - 1;
 }
 
-/// Bodies whose forces are rounding.
+/// Bodies without load whose forces are rounding.
 std::vector<bool> Multipliers::forceless() const {
   const Vector sizes = of_bodies(tangent_, forces_on_bodies());
   const Vector of_terms = of_bodies(tangent_, terms());
   std::vector<bool> found(static_cast<std::size_t>(sizes.size()));
   for (Index b = 0; b < sizes.size(); ++b) {
-    found[static_cast<std::size_t>(b)] = sizes(b) <= no_force * of_terms(b);
+    const auto at = static_cast<std::size_t>(b);
+    const double none = no_force * of_terms(b);
+    found[at] = laws_.structure().bodies()[at].unloaded() && sizes(b) <= none &&
+                not_flown * none <= sizes.maxCoeff();
   }
   return found;
 }
