@@ -88,7 +88,7 @@ def _by_another(
         try:
             solver = Solver(first.problem, plan)
             setup = perf_counter() - began
-            again = _run(solver, plan, (), setup, callback, progress, first.estimator, search=False)
+            again = _run(solver, plan, (), setup, callback, progress, first.estimator)
         except (SceneError, NumericalError):
             continue  # there is an answer of some kind, and this is no way to a better one
         spent = {name: spent[name] + seconds for name, seconds in again.seconds.items()}

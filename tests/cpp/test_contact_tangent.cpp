@@ -34,7 +34,7 @@ TEST(ContactTangent, SaysWhatTheWholeStructureSays) {
   const Laws laws = chain::Pushed{}.build();
   for (const bool linear_too : {false, true}) {
     Tangent tangent(laws.structure());
-    ContactTangent contacts(tangent, unknowns_of(laws, linear_too));
+    ContactTangent contacts(tangent, unknowns_of(laws, linear_too), true);
     EXPECT_EQ(contacts.reduced(), !linear_too);
     const Vector load = Vector::LinSpaced(tangent.joined().active(), -1.0, 2.0);
     for (const double contact : {0.0, 2.0, 1e6, 2.0}) {
@@ -57,7 +57,7 @@ TEST(ContactTangent, SaysWhatTheWholeStructureSays) {
 TEST(ContactTangent, TakesTangentsThatAreNotSymmetric) {
   const Laws laws = chain::Sliding{.count = 2}.build();
   Tangent tangent(laws.structure());
-  ContactTangent contacts(tangent, unknowns_of(laws, false));
+  ContactTangent contacts(tangent, unknowns_of(laws, false), true);
   ASSERT_TRUE(contacts.reduced());
   Matrix stiffness = Matrix::Zero(8, 2);
   for (std::size_t i = 0; i < 4; ++i) {
@@ -77,7 +77,7 @@ TEST(ContactTangent, TakesTangentsThatAreNotSymmetric) {
 TEST(ContactTangent, FollowsTheOthersWhereTheyChange) {
   const Laws laws = chain::Pushed{}.build();
   Tangent tangent(laws.structure());
-  ContactTangent contacts(tangent, unknowns_of(laws, false));
+  ContactTangent contacts(tangent, unknowns_of(laws, false), true);
   const Vector load = Vector::Ones(tangent.joined().active());
   for (const double wall : {5.0, 7.0}) {
     const Matrix stiffness = Matrix::Constant(3, 1, wall);

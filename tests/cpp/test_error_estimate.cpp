@@ -36,7 +36,7 @@ Sizes sizes(double strain) {
   return sizes;
 }
 Whole whole(double strain) {
-  return {sizes(strain), {{}, Vector::Ones(1), Vector::Zero(1), {0}, Vector::Zero(1)}};
+  return {sizes(strain), {{}, Vector::Ones(1), Vector::Zero(1), {false}, {0}, Vector::Zero(1)}};
 }
 
 /// Sizes are |s|^2 of the data alone.
@@ -167,8 +167,9 @@ TEST(ErrorEstimate, TheDistanceOfTheStagesRaisesTheLargestErrorOnly) {
                   {}};
   const ErrorEstimate estimate(two, 2, 1, 1);
   Measured measured;
-  measured.whole = {Sizes::zero(1, 2),
-                    {{}, Vector::Ones(2), Vector::Zero(2), {0, 0}, Vector::Zero(1)}};
+  measured.whole = {
+      Sizes::zero(1, 2),
+      {{}, Vector::Ones(2), Vector::Zero(2), {false, false}, {0, 0}, Vector::Zero(1)}};
   measured.whole.sizes.strain.setConstant(4.0);
   const State step{(Matrix(2, 1) << 0.1, 0.3).finished(), Matrix::Zero(2, 1)};
   EXPECT_TRUE(estimate.by_step(step, 0.0, measured).isApprox(Matrix{{0.05, 0.15}}, 1e-14));

@@ -22,8 +22,13 @@ Sizes strains(const Matrix& strain) {
 }
 
 Yardstick of(const ColumnGroups& groups, Index bodies, double reach = 0.0) {
-  return {groups, Vector::Ones(bodies), Vector::Ones(bodies),
-          std::vector<Index>(static_cast<std::size_t>(bodies), 0), Vector::Constant(1, reach)};
+  const auto count = static_cast<std::size_t>(bodies);
+  return {groups,
+          Vector::Ones(bodies),
+          Vector::Ones(bodies),
+          std::vector<bool>(count, false),
+          std::vector<Index>(count, 0),
+          Vector::Constant(1, reach)};
 }
 
 void expect(const Matrix& found, const Matrix& expected) {
@@ -116,8 +121,12 @@ TEST(Yardstick, AFluctuationIsMeasuredApartFromItsMean) {
 
 TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
   const Sizes whole = sizes(Matrix{{1.0, 0.0}}, Matrix{{4.0, 0.0}});
-  Yardstick yardstick{
-      {}, (Vector(2) << 1.0, 0.25).finished(), Vector::Ones(2), {0, 0}, Vector::Zero(1)};
+  Yardstick yardstick{{},
+                      (Vector(2) << 1.0, 0.25).finished(),
+                      Vector::Ones(2),
+                      {false, false},
+                      {0, 0},
+                      Vector::Zero(1)};
   // mean squares of displacement: 4 and 0
   EXPECT_DOUBLE_EQ(yardstick.share_of_reach(whole)(0), 4.0);
   yardstick.reach(0) = 4.0;
@@ -138,7 +147,8 @@ TEST(Yardstick, ABodyThatIsHeldAllAroundHasNoSizeOfItsOwn) {
 TEST(Yardstick, RoundingDoesNotPassBetweenIslands) {
   const Sizes whole = sizes(Matrix{{1.0, 1e-30}}, Matrix{{1.0, 1e-30}});
   const Sizes error = sizes(Matrix{{0.0, 1e-34}}, Matrix{{0.0, 1e-34}});
-  Yardstick yardstick{{}, Vector::Ones(2), Vector::Ones(2), {0, 1}, Vector::Zero(2)};
+  Yardstick yardstick{{},     Vector::Ones(2), Vector::Ones(2), {false, false},
+                      {0, 1}, Vector::Zero(2)};
   yardstick.reach = yardstick.share_of_reach(whole);
   expect(yardstick.relative(error, whole), Matrix{{0.0, 1e-2}});
 }
@@ -168,6 +178,16 @@ TEST(Yardstick, TheStrainOfARigidMotionIsNoSize) {
   expect(of({}, 1, 1.0).relative(error, whole), Matrix{{0.1}});
   whole.strain(0, 0) = 1e-10;  // this is one
   expect(of({}, 1, 1.0).relative(sizes(Matrix{{1e-10}}, Matrix{{0.01}}), whole), Matrix{{1.0}});
+}
+
+TEST(Yardstick, TheStrainOfAPartThatIsCarriedIsMeasuredApartFromItsMotion) {
+  // below what rounding of its motion might do to a strain that is a difference
+  const Sizes whole = sizes(Matrix{{1e-18}}, Matrix{{1.0}});
+  const Sizes error = sizes(Matrix{{2.5e-19}}, Matrix{{0.01}});
+  Yardstick yardstick = of({}, 1, 1.0);
+  expect(yardstick.relative(error, whole, Noise::counted), Matrix{{0.1}});
+  yardstick.carried = {true};
+  expect(yardstick.relative(error, whole, Noise::counted), Matrix{{0.5}});
 }
 
 TEST(Yardstick, FacesThatAreHeldAreMeasuredWithTheStrain) {

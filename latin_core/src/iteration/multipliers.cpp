@@ -53,7 +53,7 @@ constexpr double after_halvings = 0.3;
 constexpr double idle = 1e-3;
 constexpr double keeping = 1e-6;
 /// Springs that hold what flies, relative to the search direction.
-constexpr std::array<double, 5> holds{ContactTangent::least_hold, 1e-8, keeping, 1e-4, 1e-2};
+constexpr std::array<double, 5> holds{0.0, 1e-8, keeping, 1e-4, 1e-2};
 /// Rounds with bounds held, at first and at most.
 constexpr Index first_wait = 6;
 constexpr Index most_wait = 100;
@@ -109,7 +109,7 @@ Multipliers::Multipliers(const substructure::Laws& laws,
       system_(laws),
       tangent_(laws.structure(),
                joined ? std::move(joined) : std::make_shared<const substructure::Joined>(laws)),
-      contacts_(tangent_, nonlinear(laws)) {
+      contacts_(tangent_, nonlinear(laws), !Tangent::possible(laws.structure())) {
   const substructure::Structure& structure = laws.structure();
   areas_.resize(system_.unknowns());
   softness_ = Vector::Zero(system_.unknowns());
@@ -168,18 +168,15 @@ bool Multipliers::solve(State& state, Index most) {
     traces_ = state.traces.col(column_);
     jump_ = tangent_.sides() * traces_;
     pull_ = tangent_.nodal(state.data.col(column_) - structure.directions().cwiseProduct(traces_));
-    moved_ = Vector::Zero(pull_.size());
-    set_flexibility(1.0);
     const Matrix free = system_.free_jumps(state.data.col(column_), state.traces.col(column_));
-    force_ = column_ > 0 && laws_.remembers()
-                 ? carried
-                 : system_.forces(column_, memory_, free.col(0), system_.direct());
-    frozen_.resize(0);
-    keeping_ = Vector::Zero(system_.unknowns());
-    keeps_ = false;
-    moved_before_ = moved_;
-    force_before_ = force_;
-    const bool found = solve_column();
+    const Vector force = column_ > 0 && laws_.remembers()
+                             ? carried
+                             : system_.forces(column_, memory_, free.col(0), system_.direct());
+    const Index for_landing = left_ / 2;
+    left_ -= for_landing;
+    bool found = solve_column(force, false);
+    left_ += for_landing;
+    found = found || solve_column(force, true);
     all = all && found;
     carried = force_;
     find_placeless();
@@ -202,7 +199,17 @@ void Multipliers::write(const Vector& moved, const Vector& force, State& state) 
                             tangent_.sides().transpose() * force;
 }
 
-bool Multipliers::solve_column() {
+/// @param force to begin with
+/// @param lands whether what Newton's method fails at lands on soft springs first
+bool Multipliers::solve_column(const Vector& force, bool lands) {
+  moved_ = Vector::Zero(pull_.size());
+  force_ = force;
+  moved_before_ = moved_;
+  force_before_ = force_;
+  set_flexibility(1.0);
+  frozen_.resize(0);
+  keeping_ = Vector::Zero(system_.unknowns());
+  keeps_ = false;
   Index wait = first_wait;
   Index frozen_rounds = 0;
   double before_change = std::numeric_limits<double>::infinity();
@@ -211,7 +218,7 @@ bool Multipliers::solve_column() {
   Vector moved_there;
   Vector force_there;
   Vector bounds;
-  bool landed = false;
+  bool landed = !lands;
   bool sticks = false;
   for (Index round = 0; round < most_rounds && left_ > 0; ++round) {
     const Vector before = moved_;
@@ -244,11 +251,11 @@ bool Multipliers::solve_column() {
       }
       continue;
     }
-    const Vector force = force_at(free_jump());
-    if (!force.allFinite()) {
+    Vector next = force_at(free_jump());
+    if (!next.allFinite()) {
       return false;
     }
-    force_ = force;
+    force_ = std::move(next);
     const double now = change(moved_ - before, forceless());
     if (std::exchange(sticks, false)) {
       bounds.resize(0);
@@ -284,15 +291,11 @@ bool Multipliers::solve_column() {
   return false;
 }
 
-/// What others need nothing from, as a pin with play, is kept near to where it was: a round would throw it as far as
-/// rounding likes. Where the rounds end it bears no force of these springs.
+/// What others need nothing from and no linear law holds, as a pin with play, is kept near to where it was: a round
+/// would throw it as far as rounding likes. Where the rounds end it bears no force of these springs.
 void Multipliers::keep_idle() {
   const substructure::Structure& structure = laws_.structure();
-  const Vector sizes = of_bodies(tangent_, forces_on_bodies());
-  std::vector<bool> idles(structure.bodies().size());
-  for (Index b = 0; b < sizes.size(); ++b) {
-    idles[static_cast<std::size_t>(b)] = sizes(b) <= idle * sizes.maxCoeff();
-  }
+  const std::vector<bool> idles = idle_bodies();
   for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
     const substructure::ActiveInterface& interface = structure.interface(i);
     const bool keeps =
@@ -304,6 +307,33 @@ void Multipliers::keep_idle() {
       keeps_ = true;
     }
   }
+}
+
+/// Bodies that others need nothing from, but for those that linear laws join with the ground or with what is needed.
+std::vector<bool> Multipliers::idle_bodies() const {
+  const substructure::Structure& structure = laws_.structure();
+  const Vector sizes = of_bodies(tangent_, forces_on_bodies());
+  std::vector<bool> idles(structure.bodies().size());
+  for (Index b = 0; b < sizes.size(); ++b) {
+    idles[static_cast<std::size_t>(b)] = sizes(b) <= idle * sizes.maxCoeff();
+  }
+  const Matrix slopes = system_.slopes(column_, memory_, free_jump(), flexibility_);
+  for (bool more = true; std::exchange(more, false);) {
+    for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
+      const substructure::ActiveInterface& interface = structure.interface(i);
+      const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size());
+      const auto is_idle = [&](Index row) { return idles[body_of(row)]; };
+      if (!laws_.of(i).law->linear() || (slopes(unknowns, every).array() == 0.0).all() ||
+          (interface.rows.size() > 1 && std::ranges::all_of(interface.rows, is_idle))) {
+        continue;
+      }
+      for (const Index row : interface.rows) {
+        more = more || is_idle(row);
+        idles[body_of(row)] = false;
+      }
+    }
+  }
+  return idles;
 }
 
 /// Bodies without forces, and without interfaces that would hold them if they moved a little away.
@@ -467,7 +497,8 @@ Vector Multipliers::residual_of(const Vector& force) const {
 }
 
 bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& step) {
-  for (const double hold : holds) {
+  for (const double more : holds) {
+    const double hold = std::max(more, contacts_.least_hold());
     try {
       --left_;
       contacts_.factorise(at.slopes, keeping_.cwiseMax(hold * system_.direct().cwiseInverse()));
@@ -477,7 +508,7 @@ bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& 
     }
     if (step.allFinite() &&
         (!at.symmetric || step.dot(residual) <= rounding * step.norm() * residual.norm())) {
-      held_ = hold > holds.front();
+      held_ = more > holds.front();
       return true;
     }
   }
@@ -560,6 +591,7 @@ bool Multipliers::find_equilibrium() {
   loose_ = false;
   double last = std::numeric_limits<double>::infinity();
   bool whole = false;
+  Index steps_of_rounding = 0;
   Vector step;
   for (Index count = 0; count < most_newton && left_ > 0; ++count) {
     const Answered at = ask();
@@ -572,16 +604,19 @@ bool Multipliers::find_equilibrium() {
     }
     const double now = change(step, {});
     if (!held_ && (now < short_step || (now < of_rounding && whole && now > 0.5 * last))) {
+      loose_ = false;
       moved_ += step;
       return true;
     }
     const Vector pushed = tangent_.jumps().transpose() * areas_.cwiseProduct(at.force);
     if (!held_ &&
         residual.norm() <= rounding_share * (terms().norm() + pull_.norm() + pushed.norm())) {
-      // steps that what is loose takes from here on are rounding; those of others are to be seen
-      moved_ += step;
+      // steps that what is loose takes from here on are rounding; those of others may not be
       loose_ = change(step, forceless()) > of_rounding;
-      return true;
+      if (!loose_ || ++steps_of_rounding > most_of_rounding) {
+        moved_ += step;
+        return true;
+      }
     }
     const double length = step_length(at, residual, step);
     if (length == 0.0) {

@@ -22,12 +22,13 @@ constexpr double of_factorisation = 2.0 / 3.0;
 
 }  // namespace
 
-ContactTangent::ContactTangent(Tangent& tangent, std::vector<Index> varying)
+ContactTangent::ContactTangent(Tangent& tangent, std::vector<Index> varying, bool reduces)
     : tangent_(tangent), varying_(std::move(varying)) {
   const auto count = static_cast<Index>(varying_.size());
   const auto active = static_cast<double>(tangent_.joined().active());
   const auto jumps = static_cast<double>(count);
-  reduced_ = count <= most_jumps && jumps <= few * active && 8.0 * jumps * active <= most_bytes;
+  reduced_ =
+      reduces && count <= most_jumps && jumps <= few * active && 8.0 * jumps * active <= most_bytes;
   reference_.resize(count);
   jumps_.resize(count, tangent_.joined().active());
   std::vector<Eigen::Triplet<double, int>> entries;

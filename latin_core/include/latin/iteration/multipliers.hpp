@@ -52,7 +52,7 @@ class Multipliers {
     Matrix slopes;
     bool symmetric;
   };
-  [[nodiscard]] bool solve_column();
+  [[nodiscard]] bool solve_column(const Vector& force, bool lands);
   [[nodiscard]] Vector forces_on_bodies() const;
   [[nodiscard]] Vector terms() const;
   [[nodiscard]] std::vector<bool> forceless() const;
@@ -62,6 +62,7 @@ class Multipliers {
   [[nodiscard]] Vector force_at(const Vector& jump) const;
   [[nodiscard]] Vector residual_of(const Vector& force) const;
   void keep_idle();
+  [[nodiscard]] std::vector<bool> idle_bodies() const;
   void find_placeless();
   [[nodiscard]] std::size_t body_of(Index row) const;
   [[nodiscard]] Vector stiffness_times(const Vector& moved) const;

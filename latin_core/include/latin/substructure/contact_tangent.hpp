@@ -20,14 +20,15 @@ namespace latin::substructure {
 /// Where that is no smaller than the structure, this is factorised whole.
 class ContactTangent {
  public:
-  /// Springs that hold open points, relative to the search direction.
-  static constexpr double least_hold = 1e-10;
-
   /// @param tangent of one rank; it must outlive this object, which alone uses its factor
   /// @param varying unknowns whose tangents change, in ascending order, all of a point or none
-  ContactTangent(Tangent& tangent, std::vector<Index> varying);
+  /// @param reduces whether to take steps on the jumps alone, if these are few: cheaper, and less exact where parts are
+  /// hardly held
+  ContactTangent(Tangent& tangent, std::vector<Index> varying, bool reduces);
 
   [[nodiscard]] const std::vector<Index>& varying() const { return varying_; }
+  /// Springs that hold open points, relative to the search direction: steps on the jumps alone are differences.
+  [[nodiscard]] double least_hold() const { return reduced_ ? 1e-10 : 0.0; }
   /// Operations of one factorisation.
   [[nodiscard]] double work() const;
   /// Whether steps are taken on the jumps alone.
