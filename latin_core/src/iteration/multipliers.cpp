@@ -53,7 +53,7 @@ constexpr double after_halvings = 0.3;
 constexpr double idle = 1e-3;
 constexpr double keeping = 1e-6;
 /// Springs that hold what flies, relative to the search direction.
-constexpr std::array<double, 5> holds{0.0, 1e-8, keeping, 1e-4, 1e-2};
+constexpr std::array<double, 5> holds{Tangent::least_hold, 1e-8, keeping, 1e-4, 1e-2};
 /// Rounds with bounds held, at first and at most.
 constexpr Index first_wait = 6;
 constexpr Index most_wait = 100;
@@ -109,7 +109,10 @@ Multipliers::Multipliers(const substructure::Laws& laws,
       system_(laws),
       tangent_(laws.structure(),
                joined ? std::move(joined) : std::make_shared<const substructure::Joined>(laws)),
-      contacts_(tangent_, nonlinear(laws), !Tangent::possible(laws.structure())) {
+      nonlinear_(nonlinear(laws)) {
+  if (!Tangent::possible(laws.structure()) && ContactTangent::pays(tangent_, nonlinear_)) {
+    contacts_.emplace(tangent_, nonlinear_);
+  }
   const substructure::Structure& structure = laws.structure();
   areas_.resize(system_.unknowns());
   softness_ = Vector::Zero(system_.unknowns());
@@ -143,7 +146,7 @@ void Multipliers::set_flexibility(double factor) {
   factor_ = factor;
   Vector wanted = first_flexibility * softness_;
   // rounds do not converge slowly for linear laws, and a structure with other tangents of theirs is another one
-  for (const Index unknown : contacts_.varying()) {
+  for (const Index unknown : nonlinear_) {
     wanted(unknown) *= factor;
   }
   flexibility_ = system_.law_flexibility(wanted);
@@ -151,8 +154,8 @@ void Multipliers::set_flexibility(double factor) {
 
 bool Multipliers::solve(State& state, Index most) {
   const substructure::Structure& structure = laws_.structure();
-  const double each = contacts_.reduced() ? contacts_.work() : structure.work().condense;
-  const double bearable = contacts_.reduced() ? bearable_of_jumps : bearable_work;
+  const double each = contacts_ ? contacts_->work() : structure.work().condense;
+  const double bearable = contacts_ ? bearable_of_jumps : bearable_work;
   left_ = Tangent::possible(structure)
               ? most
               : std::min(most, static_cast<Index>(bearable / std::max(each, 1.0)) + least_left);
@@ -208,7 +211,7 @@ bool Multipliers::solve_column(const Vector& force, bool lands) {
   force_before_ = force_;
   set_flexibility(1.0);
   frozen_.resize(0);
-  keeping_ = Vector::Zero(system_.unknowns());
+  keeping_ = Vector::Zero(placed().rows());
   keeps_ = false;
   Index wait = first_wait;
   Index frozen_rounds = 0;
@@ -296,6 +299,17 @@ bool Multipliers::solve_column(const Vector& force, bool lands) {
 void Multipliers::keep_idle() {
   const substructure::Structure& structure = laws_.structure();
   const std::vector<bool> idles = idle_bodies();
+  if (!contacts_) {
+    for (std::size_t b = 0; b < idles.size(); ++b) {
+      const auto rows = Eigen::seqN(structure.body_rows()[b], structure.bodies()[b].rows());
+      if (idles[b]) {
+        keeping_(rows) =
+            keeping * structure.weights()(rows).cwiseProduct(structure.directions()(rows));
+        keeps_ = true;
+      }
+    }
+    return;
+  }
   for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
     const substructure::ActiveInterface& interface = structure.interface(i);
     const bool keeps =
@@ -303,7 +317,7 @@ void Multipliers::keep_idle() {
         std::ranges::any_of(interface.rows, [&](Index row) { return idles[body_of(row)]; });
     if (keeps) {
       keeping_.segment(interface.first_unknown, interface.size()) =
-          keeping * interface.flexibility.cwiseInverse();
+          keeping * interface.geometry.weights.cwiseQuotient(interface.flexibility);
       keeps_ = true;
     }
   }
@@ -401,8 +415,12 @@ Vector Multipliers::kept_forces(const Vector& moved) const {
   if (!keeps_) {
     return Vector::Zero(moved.size());
   }
-  const Vector springs = areas_.cwiseProduct(keeping_);
-  return tangent_.jumps().transpose() * springs.cwiseProduct(tangent_.jumps() * moved);
+  return placed().transpose() * keeping_.cwiseProduct(placed() * moved);
+}
+
+/// What says where the bodies are: all their sides, or the jumps alone if steps are taken on these.
+const SparseRows& Multipliers::placed() const {
+  return contacts_ ? tangent_.jumps() : tangent_.traces();
 }
 
 /// Free jumps of points that are pressed together by far.
@@ -497,18 +515,29 @@ Vector Multipliers::residual_of(const Vector& force) const {
 }
 
 bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& step) {
-  for (const double more : holds) {
-    const double hold = std::max(more, contacts_.least_hold());
+  const double least = keeps_ && !contacts_ ? keeping : holds.front();
+  for (const double hold : holds) {
+    if (hold < least) {
+      continue;
+    }
     try {
       --left_;
-      contacts_.factorise(at.slopes, keeping_.cwiseMax(hold * system_.direct().cwiseInverse()));
-      step = -contacts_.solve(residual);
+      if (contacts_) {
+        contacts_->factorise(at.slopes,
+                             keeping_.cwiseQuotient(areas_).cwiseMax(
+                                 std::max(hold, ContactTangent::least_hold) *
+                                 system_.direct().cwiseInverse()));
+        step = -contacts_->solve(residual);
+      } else {
+        tangent_.factorise_stiffness(at.slopes, hold);
+        step = -tangent_.solve(residual);
+      }
     } catch (const NumericalError&) {
       continue;
     }
     if (step.allFinite() &&
         (!at.symmetric || step.dot(residual) <= rounding * step.norm() * residual.norm())) {
-      held_ = more > holds.front();
+      held_ = hold > least;
       return true;
     }
   }

@@ -11,7 +11,7 @@ namespace {
 /// Jumps fewer than this fraction of the active unknowns are worth a dense matrix, as long as there are no more than
 /// this.
 constexpr double few = 0.5;
-constexpr Index most_jumps = 4000;
+constexpr double most_jumps = 4000.0;
 constexpr double most_bytes = 1e9;
 /// Tangents that differ by less are the same: they may come from differences.
 constexpr double same = 1e-6;
@@ -22,13 +22,15 @@ constexpr double of_factorisation = 2.0 / 3.0;
 
 }  // namespace
 
-ContactTangent::ContactTangent(Tangent& tangent, std::vector<Index> varying, bool reduces)
+bool ContactTangent::pays(const Tangent& tangent, const std::vector<Index>& varying) {
+  const auto active = static_cast<double>(tangent.joined().active());
+  const auto jumps = static_cast<double>(varying.size());
+  return jumps <= std::min(most_jumps, few * active) && 8.0 * jumps * active <= most_bytes;
+}
+
+ContactTangent::ContactTangent(Tangent& tangent, std::vector<Index> varying)
     : tangent_(tangent), varying_(std::move(varying)) {
   const auto count = static_cast<Index>(varying_.size());
-  const auto active = static_cast<double>(tangent_.joined().active());
-  const auto jumps = static_cast<double>(count);
-  reduced_ =
-      reduces && count <= most_jumps && jumps <= few * active && 8.0 * jumps * active <= most_bytes;
   reference_.resize(count);
   jumps_.resize(count, tangent_.joined().active());
   std::vector<Eigen::Triplet<double, int>> entries;
@@ -43,22 +45,11 @@ ContactTangent::ContactTangent(Tangent& tangent, std::vector<Index> varying, boo
 }
 
 double ContactTangent::work() const {
-  const auto size = static_cast<double>(reduced_ ? jumps_.rows() : tangent_.joined().active());
+  const auto size = static_cast<double>(jumps_.rows());
   return of_factorisation * size * size * size;
 }
 
-Matrix ContactTangent::with_springs(Matrix stiffness, const Vector& springs) const {
-  for (const Index unknown : varying_) {
-    stiffness(unknown, tangent_.component(unknown)) += springs(unknown);
-  }
-  return stiffness;
-}
-
 void ContactTangent::factorise(const Matrix& stiffness, const Vector& springs) {
-  if (!reduced_) {
-    tangent_.factorise_stiffness(with_springs(stiffness, springs), Tangent::least_hold);
-    return;
-  }
   take_others(stiffness);
   const Index count = jumps_.rows();
   change_.resize(count, stiffness.cols());
@@ -110,9 +101,6 @@ void ContactTangent::take_others(const Matrix& stiffness) {
 }
 
 Vector ContactTangent::solve(const Vector& load) {
-  if (!reduced_) {
-    return tangent_.solve(load);
-  }
   const Vector jump = factor_.solve(Vector(answers_.transpose() * load));
   Vector force = Vector::Zero(jump.size());
   for (Index i = 0; i < jump.size(); ++i) {

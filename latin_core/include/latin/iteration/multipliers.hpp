@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -67,6 +68,7 @@ class Multipliers {
   [[nodiscard]] std::size_t body_of(Index row) const;
   [[nodiscard]] Vector stiffness_times(const Vector& moved) const;
   [[nodiscard]] Vector kept_forces(const Vector& moved) const;
+  [[nodiscard]] const SparseRows& placed() const;
   [[nodiscard]] bool step_from(const Answered& at, const Vector& residual, Vector& step);
   [[nodiscard]] double line_search(const Answered& at, const Vector& residual,
                                    const Vector& step) const;
@@ -81,7 +83,8 @@ class Multipliers {
   const substructure::Laws& laws_;
   substructure::InterfaceSystem system_;
   substructure::Tangent tangent_;
-  substructure::ContactTangent contacts_;
+  std::vector<Index> nonlinear_;  ///< unknowns of nonlinear laws
+  std::optional<substructure::ContactTangent> contacts_;  ///< where it pays
   Vector areas_;     ///< (unknowns)
   Vector softness_;  ///< length / modulus of the softer side, (unknowns)
   /// First unknowns of points with tangential components, and the number of their components.
@@ -103,7 +106,7 @@ class Multipliers {
   State before_last_;
   Matrix placeless_;
   Vector frozen_;   ///< free jumps of which friction takes its bounds; empty: of those at hand
-  Vector keeping_;  ///< springs that keep bodies where the round before has left them, (unknowns)
+  Vector keeping_;  ///< springs that keep bodies where the round before has left them (force / length), (placed())
   bool keeps_ = false;  ///< whether there are any
   bool held_ = false;   ///< whether more springs than least hold the bodies in a step
   bool loose_ = false;  ///< whether an equilibrium was found but for where its parts are

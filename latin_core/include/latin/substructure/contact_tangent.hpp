@@ -17,22 +17,21 @@ namespace latin::substructure {
 ///     (A + V^T W D V)^-1 b = A^-1 (b - V^T W D (1 + G W D)^-1 V A^-1 b),     G = V A^-1 V^T,
 ///
 /// D their tangents less the springs: A and G are made once, and a step costs a dense factorisation of the size of V.
-/// Where that is no smaller than the structure, this is factorised whole.
+/// It is a difference, and less exact than a factorisation of the whole where parts are hardly held.
 class ContactTangent {
  public:
+  /// Springs that have to hold open points, relative to the search direction.
+  static constexpr double least_hold = 1e-10;
+
   /// @param tangent of one rank; it must outlive this object, which alone uses its factor
   /// @param varying unknowns whose tangents change, in ascending order, all of a point or none
-  /// @param reduces whether to take steps on the jumps alone, if these are few: cheaper, and less exact where parts are
-  /// hardly held
-  ContactTangent(Tangent& tangent, std::vector<Index> varying, bool reduces);
+  ContactTangent(Tangent& tangent, std::vector<Index> varying);
+  /// Whether what varies is little enough.
+  [[nodiscard]] static bool pays(const Tangent& tangent, const std::vector<Index>& varying);
 
   [[nodiscard]] const std::vector<Index>& varying() const { return varying_; }
-  /// Springs that hold open points, relative to the search direction: steps on the jumps alone are differences.
-  [[nodiscard]] double least_hold() const { return reduced_ ? 1e-10 : 0.0; }
   /// Operations of one factorisation.
   [[nodiscard]] double work() const;
-  /// Whether steps are taken on the jumps alone.
-  [[nodiscard]] bool reduced() const { return reduced_; }
   /// @param stiffness of the interfaces (force / length^3), (unknowns, most components)
   /// @param springs beside it in the jumps of what varies, (unknowns)
   /// @throws NumericalError if the structure is not stable with them
@@ -42,11 +41,9 @@ class ContactTangent {
 
  private:
   void take_others(const Matrix& stiffness);
-  [[nodiscard]] Matrix with_springs(Matrix stiffness, const Vector& springs) const;
 
   Tangent& tangent_;
   std::vector<Index> varying_;
-  bool reduced_;
   SparseRows jumps_;    ///< V
   Vector reference_;    ///< K0 of what varies, (varying)
   Matrix others_;       ///< the tangents in A; empty: there is none
