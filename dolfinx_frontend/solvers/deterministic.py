@@ -46,8 +46,8 @@ def solve_once(
     `before` is a result of the same scene on other meshes: parts that kept theirs keep their factors, and the
     iteration starts from its fields.
 
-    A run that gives up, its search for an answer included, is made again from nothing by the other plans, one
-    after the other until one of them converges. These do not search again: the structure is the same.
+    A run that gives up is made again from nothing by the other plans, one after the other until one of them
+    converges.
     """
     began = perf_counter()
     given = start_states(start)
@@ -124,11 +124,10 @@ def _run(
     callback: Callable[[Iteration], None] | None,
     progress: bool,
     estimator: Estimator,
-    search: bool = True,
 ) -> Result:
     began = perf_counter()
     laws = solver.laws
-    options = plan.options if search else plan.options.with_(search=False)
+    options = plan.options
     if solver.space is not None:
         options = options.with_(rtol=(1.0 - SHARE) * options.rtol)
     summary, state = solver.run(laws, options, plan.amplitudes, start, callback, progress)

@@ -262,16 +262,12 @@ latin::iteration::Options to_options(py::object value) {
   options.newton = integer("newton");
   options.snapshots = integer("snapshots");
   options.together = integer("together");
-  const auto flag = [&get](const char* key) {
-    const py::object given = get(key);
-    if (!py::isinstance<py::bool_>(given)) {
-      throw py::type_error("options." + std::string(key) + ": True or False is wanted, got " +
-                           py::cast<std::string>(py::repr(given)));
-    }
-    return py::cast<bool>(given);
-  };
-  options.scatter = flag("scatter");
-  options.search = flag("search");
+  const py::object scatter = get("scatter");
+  if (!py::isinstance<py::bool_>(scatter)) {
+    throw py::type_error("options.scatter: True or False is wanted, got " +
+                         py::cast<std::string>(py::repr(scatter)));
+  }
+  options.scatter = py::cast<bool>(scatter);
   options.single_precision = choose("precision", "double", "single");
   options.check();
   return options;

@@ -42,8 +42,7 @@ py::dict default_options() {
                   "acceleration"_a = of_runs.acceleration, "relaxation"_a = of_runs.relaxation,
                   "stagnation_window"_a = of_runs.stagnation_window, "newton"_a = of_runs.newton,
                   "snapshots"_a = of_runs.snapshots, "together"_a = of_runs.together,
-                  "scatter"_a = of_runs.scatter, "search"_a = of_runs.search,
-                  "memory_limit"_a = of_bodies.memory_limit);
+                  "scatter"_a = of_runs.scatter, "memory_limit"_a = of_bodies.memory_limit);
 }
 
 }  // namespace

@@ -324,7 +324,6 @@ iteration::Options Folder::options() const {
     options.snapshots = node.integer("snapshots");
     options.together = node.integer("together");
     options.scatter = node.integer("scatter") != 0;
-    options.search = !node.has("search") || node.integer("search") != 0;
     options.single_precision =
         choice<bool>(node, "precision", {{"double", false}, {"single", true}});
     options.check();

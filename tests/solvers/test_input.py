@@ -67,7 +67,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "together": COUNTS,
     "acceleration": {**NO_WHOLE_NUMBERS, "-1": -1, "101": 101},
     "newton": {"'yes'": "yes", "None": None, "2.5": 2.5, "-1": -1},
-    **{flag: {"'no'": "no", "1": 1, "None": None} for flag in ("scatter", "search")},
+    "scatter": {"'no'": "no", "1": 1, "None": None},
     **{w: {"'x'": "x", "None": None, "['a']": ["a"]} for w in ("criterion", "macro", "directions")},
     **{word: {"'x'": "x", "None": None, "3": 3} for word in ("operator", "precision", "backend")},
 }

@@ -51,9 +51,6 @@ class Options:
         solved together, without an iteration.
     scatter
         Points of a sweep are samples: the tolerance is held by what they scatter by, too. Samplings set it.
-    search
-        Whether a run that is about to give up searches for its answer on the assembled structure, where the
-        price of that is bearable.
     macro
         Coarse problem that balances the forces between the parts at every iteration: ``"linear"`` (their
         moments, too), ``"resultants"``, ``"none"``, or ``"automatic"``: linear where the accelerated
@@ -94,7 +91,6 @@ class Options:
     snapshots: int = _DEFAULT["snapshots"]
     together: int = _DEFAULT["together"]
     scatter: bool = _DEFAULT["scatter"]
-    search: bool = _DEFAULT["search"]
     macro: Literal["automatic", "none", "resultants", "linear"] = "automatic"
     directions: Literal["automatic", "diagonal", "matrix"] = "automatic"
     operator: Literal["automatic", "condensed", "factored"] = "automatic"
@@ -134,9 +130,8 @@ class Options:
         if isinstance(self.newton, bool):
             object.__setattr__(self, "newton", int(self.newton))
         self._count("newton", 0, None)
-        for name in ("scatter", "search"):
-            if not isinstance(getattr(self, name), bool):
-                raise InputError(f"{name} is {getattr(self, name)!r}: give True or False")
+        if not isinstance(self.scatter, bool):
+            raise InputError(f"scatter is {self.scatter!r}: give True or False")
         for name, words in _WORDS.items():
             value = getattr(self, name)
             if not isinstance(value, str) or value not in words:

@@ -29,8 +29,6 @@ constexpr Index rounds_between = 8;
 /// Changes relative to the displacement of a body: of a Newton step, and of a round.
 constexpr double short_step = 1e-12;
 constexpr double settled = 1e-10;
-/// Steps below this that become no shorter are rounding.
-constexpr double of_rounding = 1e-7;
 constexpr Index most_of_rounding = 3;
 constexpr Index most_rounds = 200;
 constexpr Index most_newton = 60;
@@ -48,12 +46,8 @@ constexpr double steep_enough = 0.1;
 constexpr int most_trials = 80;
 constexpr int most_halvings = 10;
 constexpr double after_halvings = 0.3;
-/// A body from which the others need less than this, beside the most, is one that may lie anywhere; springs that keep it
-/// where the round before has left it, relative to the search direction.
-constexpr double idle = 1e-3;
-constexpr double keeping = 1e-6;
 /// Springs that hold what flies, relative to the search direction.
-constexpr std::array<double, 5> holds{Tangent::least_hold, 1e-8, keeping, 1e-4, 1e-2};
+constexpr std::array<double, 5> holds{Tangent::least_hold, 1e-8, Multipliers::keeping, 1e-4, 1e-2};
 /// Rounds with bounds held, at first and at most.
 constexpr Index first_wait = 6;
 constexpr Index most_wait = 100;
@@ -64,10 +58,6 @@ constexpr int most_bisections = 40;
 constexpr double rounding = 1e-8;
 /// Diagonals of the bodies below this fraction of the largest are none.
 constexpr double least_diagonal = 1e-12;
-/// Forces of a body below this fraction of its terms are none, as long as those of others are so many times larger than
-/// that: what flies away has large terms.
-constexpr double no_force = 10.0 * rounding_share;
-constexpr double not_flown = 1e3;
 /// Slopes that differ by less are symmetric.
 constexpr double same = 1e-6;
 
@@ -81,17 +71,6 @@ std::vector<Index> nonlinear(const substructure::Laws& laws) {
     }
   }
   return unknowns;
-}
-
-/// Sizes of forces on the active unknowns, (bodies).
-Vector of_bodies(const Tangent& tangent, const Vector& forces) {
-  const std::vector<Index>& first = tangent.first_active();
-  Vector sizes(static_cast<Index>(first.size()) - 1);
-  for (Index b = 0; b < sizes.size(); ++b) {
-    const auto at = static_cast<std::size_t>(b);
-    sizes(b) = forces(Eigen::seq(first[at], first[at + 1] - 1)).norm();
-  }
-  return sizes;
 }
 
 }  // namespace
@@ -294,135 +273,6 @@ bool Multipliers::solve_column(const Vector& force, bool lands) {
   return false;
 }
 
-/// What others need nothing from and no linear law holds, as a pin with play, is kept near to where it was: a round
-/// would throw it as far as rounding likes. Where the rounds end it bears no force of these springs.
-void Multipliers::keep_idle() {
-  const substructure::Structure& structure = laws_.structure();
-  const std::vector<bool> idles = idle_bodies();
-  if (!contacts_) {
-    for (std::size_t b = 0; b < idles.size(); ++b) {
-      const auto rows = Eigen::seqN(structure.body_rows()[b], structure.bodies()[b].rows());
-      if (idles[b]) {
-        keeping_(rows) =
-            keeping * structure.weights()(rows).cwiseProduct(structure.directions()(rows));
-        keeps_ = true;
-      }
-    }
-    return;
-  }
-  for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
-    const substructure::ActiveInterface& interface = structure.interface(i);
-    const bool keeps =
-        !laws_.of(i).law->linear() &&
-        std::ranges::any_of(interface.rows, [&](Index row) { return idles[body_of(row)]; });
-    if (keeps) {
-      keeping_.segment(interface.first_unknown, interface.size()) =
-          keeping * interface.geometry.weights.cwiseQuotient(interface.flexibility);
-      keeps_ = true;
-    }
-  }
-}
-
-/// Bodies that others need nothing from, but for those that linear laws join with the ground or with what is needed.
-std::vector<bool> Multipliers::idle_bodies() const {
-  const substructure::Structure& structure = laws_.structure();
-  const Vector sizes = of_bodies(tangent_, forces_on_bodies());
-  std::vector<bool> idles(structure.bodies().size());
-  for (Index b = 0; b < sizes.size(); ++b) {
-    idles[static_cast<std::size_t>(b)] = sizes(b) <= idle * sizes.maxCoeff();
-  }
-  const Matrix slopes = system_.slopes(column_, memory_, free_jump(), flexibility_);
-  for (bool more = true; std::exchange(more, false);) {
-    for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
-      const substructure::ActiveInterface& interface = structure.interface(i);
-      const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size());
-      const auto is_idle = [&](Index row) { return idles[body_of(row)]; };
-      if (!laws_.of(i).law->linear() || (slopes(unknowns, every).array() == 0.0).all() ||
-          (interface.rows.size() > 1 && std::ranges::all_of(interface.rows, is_idle))) {
-        continue;
-      }
-      for (const Index row : interface.rows) {
-        more = more || is_idle(row);
-        idles[body_of(row)] = false;
-      }
-    }
-  }
-  return idles;
-}
-
-/// Bodies without forces, and without interfaces that would hold them if they moved a little away.
-void Multipliers::find_placeless() {
-  const substructure::Structure& structure = laws_.structure();
-  Vector away = free_jump();
-  const double little = of_rounding * (traces_ + tangent_.traces() * moved_).cwiseAbs().maxCoeff();
-  for (const auto& [normal, count] : coupled_) {
-    away(normal) += little;
-  }
-  for (const Index unknown : single_) {
-    away(unknown) += little;
-  }
-  const Matrix slopes = system_.slopes(column_, memory_, away, flexibility_);
-  auto found = placeless_.row(column_);
-  const std::vector<bool> without_force = forceless();
-  for (std::size_t b = 0; b < without_force.size(); ++b) {
-    found(static_cast<Index>(b)) = without_force[b] && structure.bodies()[b].rows() > 0 ? 1.0 : 0.0;
-  }
-  for (const substructure::ActiveInterface& interface : structure.interfaces()) {
-    const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size());
-    if ((slopes(unknowns, every).array() != 0.0).any()) {
-      for (const Index row : interface.rows) {
-        found(static_cast<Index>(body_of(row))) = 0.0;
-      }
-    }
-  }
-}
-
-/// Which body has a row.
-std::size_t Multipliers::body_of(Index row) const {
-  const std::vector<Index>& first = laws_.structure().body_rows();
-  return static_cast<std::size_t>(std::ranges::upper_bound(first, row) - first.begin()) - 1;
-}
-
-/// Bodies without load whose forces are rounding.
-std::vector<bool> Multipliers::forceless() const {
-  const Vector sizes = of_bodies(tangent_, forces_on_bodies());
-  const Vector of_terms = of_bodies(tangent_, terms());
-  std::vector<bool> found(static_cast<std::size_t>(sizes.size()));
-  for (Index b = 0; b < sizes.size(); ++b) {
-    const auto at = static_cast<std::size_t>(b);
-    const double none = no_force * of_terms(b);
-    found[at] = laws_.structure().bodies()[at].unloaded() && sizes(b) <= none &&
-                not_flown * none <= sizes.maxCoeff();
-  }
-  return found;
-}
-
-/// What forces of the bodies are the balance of, at least, (active).
-Vector Multipliers::terms() const {
-  const Vector traces = traces_ + tangent_.traces() * moved_;
-  return tangent_.nodal(laws_.structure().directions().cwiseProduct(traces.cwiseAbs()));
-}
-
-/// What the bodies need of the interfaces, (active).
-Vector Multipliers::forces_on_bodies() const { return tangent_.stiffness_times(moved_) + pull_; }
-
-/// Forces of the bodies, and of what keeps some of them.
-Vector Multipliers::stiffness_times(const Vector& moved) const {
-  return tangent_.stiffness_times(moved) + kept_forces(moved);
-}
-
-Vector Multipliers::kept_forces(const Vector& moved) const {
-  if (!keeps_) {
-    return Vector::Zero(moved.size());
-  }
-  return placed().transpose() * keeping_.cwiseProduct(placed() * moved);
-}
-
-/// What says where the bodies are: all their sides, or the jumps alone if steps are taken on these.
-const SparseRows& Multipliers::placed() const {
-  return contacts_ ? tangent_.jumps() : tangent_.traces();
-}
-
 /// Free jumps of points that are pressed together by far.
 Vector Multipliers::all_pressed() const {
   Vector jump = free_jump();
@@ -523,10 +373,9 @@ bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& 
     try {
       --left_;
       if (contacts_) {
-        contacts_->factorise(at.slopes,
-                             keeping_.cwiseQuotient(areas_).cwiseMax(
-                                 std::max(hold, ContactTangent::least_hold) *
-                                 system_.direct().cwiseInverse()));
+        contacts_->factorise(at.slopes, keeping_.cwiseQuotient(areas_).cwiseMax(
+                                            std::max(hold, ContactTangent::least_hold) *
+                                            system_.direct().cwiseInverse()));
         step = -contacts_->solve(residual);
       } else {
         tangent_.factorise_stiffness(at.slopes, hold);

@@ -233,7 +233,7 @@ bool Run::verifies() const {
 
 /// Whether a run that gives up looks for its answer in other ways.
 bool Run::searches() const {
-  return options_.search && !options_.stop_on_indicator && Verification::searches(stages_.laws());
+  return !options_.stop_on_indicator && Verification::searches(stages_.laws());
 }
 
 /// Try what is left before giving up: a search from the best iterate.

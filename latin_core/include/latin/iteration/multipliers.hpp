@@ -27,6 +27,11 @@ namespace latin::iteration {
 /// Mat. Ital. 17 (1980) 796): the tangential forces are asked for with the normal jumps held.
 class Multipliers {
  public:
+  /// Steps below this that become no shorter are rounding, relative to the displacement of a body.
+  static constexpr double of_rounding = 1e-7;
+  /// Springs that keep a body where the round before has left it, relative to the search direction.
+  static constexpr double keeping = 1e-6;
+
   /// Whether there is such a search: on one rank, with columns that are steps of one history.
   [[nodiscard]] static bool suits(const substructure::Laws& laws);
 
@@ -83,9 +88,9 @@ class Multipliers {
   const substructure::Laws& laws_;
   substructure::InterfaceSystem system_;
   substructure::Tangent tangent_;
-  std::vector<Index> nonlinear_;  ///< unknowns of nonlinear laws
+  std::vector<Index> nonlinear_;                          ///< unknowns of nonlinear laws
   std::optional<substructure::ContactTangent> contacts_;  ///< where it pays
-  Vector areas_;     ///< (unknowns)
+  Vector areas_;                                          ///< (unknowns)
   Vector softness_;  ///< length / modulus of the softer side, (unknowns)
   /// First unknowns of points with tangential components, and the number of their components.
   std::vector<std::pair<Index, Index>> coupled_;
@@ -105,8 +110,9 @@ class Multipliers {
   Vector force_before_;
   State before_last_;
   Matrix placeless_;
-  Vector frozen_;   ///< free jumps of which friction takes its bounds; empty: of those at hand
-  Vector keeping_;  ///< springs that keep bodies where the round before has left them (force / length), (placed())
+  Vector frozen_;  ///< free jumps of which friction takes its bounds; empty: of those at hand
+  Vector
+      keeping_;  ///< springs that keep bodies where the round before has left them (force / length), (placed())
   bool keeps_ = false;  ///< whether there are any
   bool held_ = false;   ///< whether more springs than least hold the bodies in a step
   bool loose_ = false;  ///< whether an equilibrium was found but for where its parts are

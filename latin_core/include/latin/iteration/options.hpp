@@ -18,8 +18,6 @@ struct Options {
   Index together = 8;    ///< points of a sweep that may be tried side by side, at least 1
   /// Points of a sweep are samples: what they scatter by is to be as right as they are.
   bool scatter = false;
-  /// Whether a run that is about to give up searches for its answer on the whole structure.
-  bool search = true;
   /// Global stages on the steps alone, in single precision; an iterate is only accepted with its traces in
   /// double precision.
   bool single_precision = false;
