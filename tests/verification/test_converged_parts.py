@@ -239,8 +239,8 @@ def test_parts_of_far_apart_stiffness(contrast: float) -> None:
     scene.traction("right:x1", (1.0, 0.0), name="pull")
     problem = lf.assemble(scene)
     if contrast == 1e12:
-        # what carries the load is below rounding of the stiff part: joined they do not factorise, and one by one
-        # the stress of the stiff part is lost
+        # what carries the load is below rounding of the stiff part: joined they do not factorise,
+        # and one by one the stress of the stiff part is lost
         for asked in ({}, {"plan": lf.make_plan(problem)}):
             with pytest.raises(NumericalError, match="moduli of parts that are joined"):
                 lf.solve(problem, **asked)

@@ -268,8 +268,8 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
     motions_.push_back(motion_of(b, on_sides[b]));
     carried_.push_back(motions_[b].rows() > 0 && bodies_[b].unloaded());
-    rigid_.push_back(on_sides[b] /
-                     std::sqrt(trace_metric_.segment(body_rows_[b], bodies_[b].rows()).sum()));
+    rigid_.emplace_back(on_sides[b] /
+                        std::sqrt(trace_metric_.segment(body_rows_[b], bodies_[b].rows()).sum()));
   }
 }
 
