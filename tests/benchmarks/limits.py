@@ -60,7 +60,7 @@ which steps (or points) are right all the same.
 How well the promise is kept is measured by `./run bench campaign`, whose drawn scenes (2 to 12 parts,
 all laws, stiffnesses over twelve decades, loads over eight) are judged by an independent solver. In
 three campaigns of 1 000 (seeds 777, 20261123 and 24112026) 10 had a part whose error was more than 3 times
-what was said: eight below the tolerance, and two 1.2 and 3.6 times as large. 12 did not converge, eight of
+what was said: eight below the tolerance, and two 1.2 and 3.6 times as large. 12 did not converge, nine of
 them for rounding, one was refused for moduli that are too far apart, and two had no end within a minute.
 
 ## One row per extreme
