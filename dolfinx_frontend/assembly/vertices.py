@@ -12,6 +12,7 @@ from dolfinx.fem import petsc as fem_petsc
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Ints
+from dolfinx_frontend.common.compat import component
 
 __all__ = ["Vertices", "vertices_of"]
 
@@ -36,8 +37,8 @@ def vertices_of(part: Substructure) -> Vertices | None:
     space = part.space
     if int(space.element.basix_element.degree) < 2:
         return None
-    fine, dofs = space.sub(0).collapse()
-    nodes_of = np.asarray(dofs) // part.dim  # of the unknowns of one component
+    fine, dofs = component(space)
+    nodes_of = dofs // part.dim
     coarse = fem.functionspace(space.mesh, ("Lagrange", 1))
     matrix = fem_petsc.interpolation_matrix(coarse, fine)
     matrix.assemble()

@@ -18,7 +18,14 @@ import ufl
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
-__all__ = ["cell_nodes", "coordinate_map", "create_mesh", "gmsh_cell_permutation", "vertex_nodes"]
+__all__ = [
+    "cell_nodes",
+    "component",
+    "coordinate_map",
+    "create_mesh",
+    "gmsh_cell_permutation",
+    "vertex_nodes",
+]
 
 
 def _gmsh_reader() -> Any:
@@ -81,6 +88,12 @@ def cell_nodes(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
     """Rows of ``mesh.geometry.x`` that each cell uses, (cells, nodes per cell)."""
     dofmaps = getattr(mesh.geometry, "dofmaps", None)  # a method in some releases
     return dofmaps[0] if isinstance(dofmaps, list) else mesh.geometry.dofmap
+
+
+def component(space: Any) -> tuple[Any, npt.NDArray[np.int32]]:
+    """The space of one component of a vector-valued one, and the unknown of that one of each of its own."""
+    alone, dofs = space.sub(0).collapse()
+    return alone, np.asarray(dofs[0] if isinstance(dofs[0], np.ndarray) else dofs)  # a list by types of cells
 
 
 def vertex_nodes(mesh: dmesh.Mesh) -> npt.NDArray[np.int64]:

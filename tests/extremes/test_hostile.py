@@ -287,7 +287,7 @@ def test_any_stack(a: float, b: float, k: float, pull: float, nu: float, cut: bo
     problem = cases.stack([api.Elastic(normal=kappa)], moduli, nu=nu, pull=load)
     result = api.solve(problem, active="all" if cut else None, options=cases.TIGHT)
     if not result.converged:
-        assert result.status == ("stagnated" if cut else "inexact")
+        assert result.status == "inexact" or (cut and result.status == "stagnated")
         return
     span = max(*moduli, kappa) / min(*moduli, kappa)
     bound = cases.ROUND * cases.EPS * (1.0 + span) / (1.0 - 2.0 * nu) / (1.0 + nu) + cases.LEFT * cut

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dolfinx_frontend.common.compat import cell_nodes
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry import SizeField, box, from_gmsh, gmsh_session, remeshable
 from dolfinx_frontend.geometry.finer import bisected, cell_sizes, halved, size_field
@@ -36,7 +37,7 @@ def same_body(one: Part, other: Part) -> None:
 def test_cells_that_are_cut(cell: str, order: int) -> None:
     part = block(cell, (2,) * DIMENSION[cell], mapping=bent, order=order, seed=3)
     x = part.mesh.geometry.x
-    middles = np.array([x[nodes].mean(axis=0) for nodes in part.mesh.geometry.dofmap])
+    middles = np.array([x[nodes].mean(axis=0) for nodes in cell_nodes(part.mesh)])
     chosen = np.linalg.norm(middles - x[0], axis=1).argmin()
     ratios = np.ones(part.num_cells)
     ratios[chosen] = 0.25
@@ -45,7 +46,7 @@ def test_cells_that_are_cut(cell: str, order: int) -> None:
     assert fine.order == order and fine.num_cells > part.num_cells
     # halved twice, there
     now = fine.mesh.geometry.x
-    after = np.array([now[nodes].mean(axis=0) for nodes in fine.mesh.geometry.dofmap])
+    after = np.array([now[nodes].mean(axis=0) for nodes in cell_nodes(fine.mesh)])
     near = np.linalg.norm(after - middles[chosen], axis=1).argmin()
     assert cell_sizes(fine.mesh)[near] < 0.36 * cell_sizes(part.mesh)[chosen]
     # and nothing where nothing is wanted
@@ -93,9 +94,9 @@ def test_a_part_that_is_meshed_again_is_on_its_true_geometry() -> None:
 
 def test_sizes_differ_from_place_to_place() -> None:
     part = remeshable(disc)
-    x = part.mesh.geometry.x[part.mesh.geometry.dofmap].mean(axis=1)
+    x = part.mesh.geometry.x[cell_nodes(part.mesh)].mean(axis=1)
     again = part.again(size_field(part.mesh, np.where(x[:, 0] > 0.0, 0.1, 0.6)))
-    at = again.mesh.geometry.x[again.mesh.geometry.dofmap].mean(axis=1)
+    at = again.mesh.geometry.x[cell_nodes(again.mesh)].mean(axis=1)
     sizes = cell_sizes(again.mesh)
     assert np.median(sizes[at[:, 0] > 1.0]) < 0.15
     assert np.median(sizes[at[:, 0] < -1.0]) > 0.4

@@ -1,5 +1,6 @@
 """What a person asks after the solve: stresses made of components, the use of friction, numbers by name."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -118,8 +119,10 @@ def test_cells_share_nodes_in_files(tmp_path: Path) -> None:
     shared = pyvista.read(lf.io.write_fields({"a": u}, tmp_path / "s.vtm"))["a"]
     own = pyvista.read(lf.io.write_fields({"a": u}, tmp_path / "o.vtm", shared=False))["a"]
     assert (shared.n_points, own.n_points) == (7 * 9, 3 * 27)
-    assert shared.extract_surface(nonlinear_subdivision=0).n_cells == 14
-    assert own.extract_surface(nonlinear_subdivision=0).n_cells == 18
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a default that newer releases of pyvista will change
+        counts = [mesh.extract_surface(nonlinear_subdivision=0).n_cells for mesh in (shared, own)]
+    assert counts == [14, 18]
     assert shared["displacement"] == pytest.approx(1e-3 * shared.points, abs=1e-12)
 
     mesh = lf.geometry.box((3.0, 1.0, 1.0), (3, 1, 1), cell="hexahedron").mesh

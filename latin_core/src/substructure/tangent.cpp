@@ -43,7 +43,7 @@ constexpr Index some_gradients = 8;
 constexpr double negligible = 2e8;
 constexpr double affordable = 0.1;
 /// The same of a search, without which there is no answer: some hundred factorisations of what is condensed.
-constexpr double bearable_alone = 1e10;
+constexpr double bearable_alone = 2e11;
 constexpr double bearable_beside = 3.0;
 
 /// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
