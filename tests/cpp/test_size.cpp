@@ -261,7 +261,8 @@ TEST(Sizes, LoadPatternsAreMeasuredAtTheTimes) {
     for (const auto& [found, wanted] :
          {std::pair{patterns.strain, times.strain}, {patterns.trace, times.trace}}) {
       ASSERT_EQ(found.rows(), count);
-      EXPECT_LE((found - wanted).cwiseAbs().maxCoeff(), 1e-12 * wanted.maxCoeff());
+      // sums of random factors are combined with coefficients of up to some thousands
+      EXPECT_LE((found - wanted).cwiseAbs().maxCoeff(), 1e-11 * wanted.maxCoeff());
     }
     // of sizes alone no more than a bound is known
     const Sizes bounds = in_time.bounds(sizes_of_difference(structure, {}, data, traces), 1);
