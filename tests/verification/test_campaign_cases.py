@@ -103,7 +103,7 @@ def test_the_scenes_that_the_first_campaign_failed_at(
 
 @pytest.mark.parametrize("file", sorted((CASES / "later").glob("*.txt")), ids=lambda file: str(file.stem))
 def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
-    """Estimates were too small, runs did not converge or raised; rounding may decide where the name says so."""
+    """Estimates were too small, or nothing was found; rounding may decide where the name says so."""
     seat = pool.Seat(limit=60.0)
     try:
         outcome, what = drawn(file, seat)
