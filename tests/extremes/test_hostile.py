@@ -288,11 +288,11 @@ def test_any_stack(a: float, b: float, k: float, pull: float, nu: float, cut: bo
     result = api.solve(problem, active="all" if cut else None, options=cases.TIGHT)
     if not result.converged:
         assert result.status == "inexact" or (cut and result.status == "stagnated")
-        return
     span = max(*moduli, kappa) / min(*moduli, kappa)
     bound = cases.ROUND * cases.EPS * (1.0 + span) / (1.0 - 2.0 * nu) / (1.0 + nu) + cases.LEFT * cut
     error = cases.stack_error(result, [load / kappa], moduli, nu, pull=load, whole=cut)
-    assert error <= bound, (error, bound, result.error)
+    said = 0.0 if result.converged else 3.0 * result.error
+    assert error <= max(bound, said), (error, bound, result.error)
 
 
 @examples(60)

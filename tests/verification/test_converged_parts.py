@@ -9,6 +9,7 @@ import pytest
 from latin_core import NumericalError
 
 import dolfinx_frontend as lf
+from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.reference.direct import monolithic
 from tests.verification.judged import Laws, assert_right, connect, judged, row, square
 
@@ -239,16 +240,20 @@ def test_parts_of_far_apart_stiffness(contrast: float) -> None:
     scene.traction("right:x1", (1.0, 0.0), name="pull")
     problem = lf.assemble(scene)
     if contrast == 1e12:
-        # what carries the load is below rounding of the stiff part: joined they do not factorise,
-        # and one by one the stress of the stiff part is lost
-        for asked in ({}, {"plan": lf.make_plan(problem)}):
-            with pytest.raises(NumericalError, match="moduli of parts that are joined"):
-                lf.solve(problem, **asked)
-        kept = lf.solve(problem, active="all")
-        away = kept.displacements["right"] - tension(problem.substructures["right"], contrast)
-        stiffness = problem.substructures["right"].matrix
-        of_right = np.sqrt(abs(away @ (stiffness @ away)) * 100.0 * contrast)  # rounding has a sign
-        assert kept.status == "inexact" and of_right <= 3.0 * kept.error
+        # what carries the load is below rounding of the stiff part: joined they do not factorise, and one
+        # by one the stress of the stiff part is lost: it depends on the processor whether that is refused
+        right = problem.substructures["right"]
+        motions = rigid_modes(right.dof_coordinates, right.centre, right.length).reshape(right.matrix.shape[0], -1)
+        for asked in ({}, {"plan": lf.make_plan(problem)}, {"active": "all"}):
+            try:
+                kept = lf.solve(problem, **asked)
+            except NumericalError as error:
+                assert "active" not in asked and "moduli of parts that are joined" in str(error)
+                continue
+            away = kept.displacements["right"] - tension(right, contrast)
+            away -= motions @ np.linalg.lstsq(motions, away)[0]  # whose energy is rounding, of any sign
+            of_right = np.sqrt(away @ (right.matrix @ away) * 100.0 * contrast)
+            assert kept.status == "inexact" and of_right <= 3.0 * kept.error
         return
     result = lf.solve(problem)
     assert "joint" not in result.plan.active

@@ -42,7 +42,7 @@ constexpr Index some_gradients = 8;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies.
 constexpr double negligible = 2e8;
 constexpr double affordable = 0.1;
-/// The same of a search, without which there is no answer: some hundred factorisations of what is condensed.
+/// The same of a search, without which there is no answer: of what is condensed once, for steps that may cost less.
 constexpr double bearable_alone = 2e11;
 constexpr double bearable_beside = 3.0;
 
