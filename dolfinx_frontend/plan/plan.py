@@ -531,8 +531,7 @@ def make_plan(
     zone = interface_unknowns(problem, kept) if dense else 0
     pairs = [name for name in paired if name in here]
     cost = predict(problem.own, here, columns, options, pairs, newton, zone)
-    one_run = random is not None or not (varying or varied)
-    suits = one_run and not (factors or fields) and all(problem.interfaces[n].law.superposes for n in kept)
+    suits = not (factors or fields) and all(problem.interfaces[n].law.superposes for n in kept)
     options, of_bodies = _backend(problem, options, cost, suits)
     decisions += of_bodies
     decisions.append(
