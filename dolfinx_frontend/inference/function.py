@@ -31,7 +31,7 @@ from dolfinx_frontend.inference.inputs import Coordinates, Inputs
 from dolfinx_frontend.inference.journal import BATCH, Journal, Solved, facts_of, settle
 from dolfinx_frontend.inference.points import answer_of, part_of
 from dolfinx_frontend.inference.reduced import FEWEST, Reduced, neighbours
-from dolfinx_frontend.kernel.fitting import solver_of, walked
+from dolfinx_frontend.kernel.fitting import sloped, solver_of, walked
 from dolfinx_frontend.kernel.running import Interrupt, Interrupted
 from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings
@@ -453,14 +453,21 @@ class ProblemFunction:
         return said
 
     def _derivatives(self, point: Array, way: Way | None) -> Derivatives:
-        if self._journal is not None and way is None and (written := self._journal.slopes(point)) is not None:
+        asked = way is not None
+        if self._journal is not None and not asked and (written := self._journal.slopes(point)) is not None:
             return written
         began = perf_counter()
         known = self._known[point.tobytes()]
         count = len(self.outputs)
+        if self.solver.space is not None:  # an adjoint has other forces than those that its basis is for
+            way = "direct"
+            every = range(self.dimension)
+            around = self._inputs.around(point, every, self._inputs.steps(point))[0]
+            parameters = self._inputs.parameters(self.plan, around)
+            self.solver = sloped(self.solver, self.plan.amplitudes, parameters)
         result = derivatives(self.solver, self._inputs, point, known.state, self._read, count, way)
         self.seconds += perf_counter() - began
-        if self._journal is not None and way is None:
+        if self._journal is not None and not asked:
             self._journal.add_slopes(point, result)
         return result
 

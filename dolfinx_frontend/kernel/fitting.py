@@ -35,7 +35,7 @@ from dolfinx_frontend.kernel.spread import PointRanks
 from dolfinx_frontend.kernel.subspace import Answer, Bodies, Subspace
 from dolfinx_frontend.plan.plan import Plan
 
-__all__ = ["SHARE", "fitted", "solver_of", "walked"]
+__all__ = ["SHARE", "fitted", "sloped", "solver_of", "walked"]
 
 _log = logging.getLogger(__name__)
 
@@ -334,17 +334,10 @@ class _Check:
 
     def __call__(self, solved: Sequence[Solved]) -> Sequence[float]:
         """Errors that the basis leaves in points; NaN where they are above the goal."""
-        answers = [self._answer(each) for each in solved]
-        whole = Answer(*(np.hstack(blocks) for blocks in zip(*answers, strict=True)))
-        columns = self._amplitudes.shape[1]
-        energies = self.space.energies(whole).reshape(-1, columns).sum(axis=1)
-        size = energies.max(initial=0.0)
-        scale = np.sqrt(np.maximum(energies, FAINT**2 * size)) if size > 0.0 else np.ones(len(energies))
-        per_column = np.repeat(scale, columns)
+        whole = _beside([self.answer(each) for each in solved])
         if self._tries:
             self.moved.append(self.space.free(whole))
-        few, shares = _few(Answer(*(block / per_column for block in whole)), EXACT * self._goal)
-        found, fields = self._measured(self.solver.residual(few), shares, columns)
+        found, fields = self.errors(whole)
         self.found = max(self.found, float(found.max(initial=0.0)))
         left = self._under * found
         missed = ~(left <= self._goal)
@@ -352,7 +345,19 @@ class _Check:
             self.fields.append(fields)
         return [float(each) for each in np.where(missed, np.nan, left)]
 
-    def _answer(self, solved: Solved) -> Answer:
+    def errors(self, whole: Answer) -> tuple[Array, Array]:
+        """Relative errors (points,) of answers by one cycle, and fields (n, few) that take most of them
+        away."""
+        columns = self._amplitudes.shape[1]
+        energies = self.space.energies(whole).reshape(-1, columns).sum(axis=1)
+        size = energies.max(initial=0.0)
+        scale = np.sqrt(np.maximum(energies, FAINT**2 * size)) if size > 0.0 else np.ones(len(energies))
+        per_column = np.repeat(scale, columns)
+        few, shares = _few(Answer(*(block / per_column for block in whole)), EXACT * self._goal)
+        return self._measured(self.solver.residual(few), shares, columns)
+
+    def answer(self, solved: Solved) -> Answer:
+        """A point as the bodies see it."""
         amplitudes = self._amplitudes
         for each in self._loads:
             own = each.pattern @ each.values[:, solved.point]
@@ -389,6 +394,11 @@ class _Check:
         return found, fields
 
 
+def _beside(answers: Sequence[Answer]) -> Answer:
+    """Answers, column beside column."""
+    return Answer(*(np.hstack(blocks) for blocks in zip(*answers, strict=True)))
+
+
 def _few(answer: Answer, tolerance: float) -> tuple[Answer, Array]:
     """Answers of which others are combinations, and their shares (few, columns) in each."""
     blocks, factors = [], []
@@ -418,7 +428,9 @@ class _Walk(NamedTuple):
         """For points that are solved in the basis of a solver; None: they are tried only."""
         return _Check(solver, self.amplitudes, self.parameters, self.goal * scatter, underestimated)
 
-    def tried(self, solver: Solver, points: Sequence[int], check: _Check) -> bool:
+    def tried(
+        self, solver: Solver, points: Sequence[int], check: Callable[[Sequence[Solved]], Sequence[float]]
+    ) -> bool:
         """Solve some points for their fields only; whether all were reached."""
         found = solver.walk(
             solver.laws,
@@ -572,3 +584,56 @@ def _scatter(moved: Array, columns: int) -> float:
     size = float(np.sum(mean**2))
     away = float(np.sum((by_point - mean) ** 2)) / len(by_point)
     return float(np.clip(np.sqrt(away / size), FAINT, 1.0)) if size > 0.0 else 1.0
+
+
+class _Pairs:
+    """The answers of points, by their number."""
+
+    def __init__(self, check: _Check) -> None:
+        self._check = check
+        self.answers: dict[int, Answer] = {}
+
+    def __call__(self, solved: Sequence[Solved]) -> Sequence[float]:
+        """Keep them all."""
+        self.answers |= {each.point: self._check.answer(each) for each in solved}
+        return [0.0] * len(solved)
+
+
+@alone
+def sloped(solver: Solver, amplitudes: Array, parameters: Sequence[SweptParameter]) -> Solver:
+    """A solver that knows the differences between pairs of near points as well as points by themselves.
+
+    Parameters
+    ----------
+    parameters
+        Of 2 p points: the first of each pair, then the second of each.
+
+    Raises
+    ------
+    NumericalError
+        The cycles of multigrid do not converge.
+    """
+    if solver.space is None or not parameters:
+        return solver
+    options = solver.plan.options
+    goal = SHARE * options.rtol
+    own = _Walk(amplitudes, parameters, options.with_(rtol=TIGHT, scatter=False), goal, None)
+    count = parameters[0].values.shape[1] // 2
+    rounds = _Rounds(goal)
+    while True:
+        check = own.check(solver, 1.0, None)
+        pairs = _Pairs(check)
+        if not own.tried(solver, range(2 * count), pairs):
+            return solver
+        first, second = (_beside([pairs.answers[k + half] for k in range(count)]) for half in (0, count))
+        found, fields = check.errors(Answer(*(a - b for a, b in zip(first, second, strict=True))))
+        left = max(rounds.left(float(found.max())), _LEAST * float(found.max()))
+        _log.info("multigrid round for slopes: %d fields, error %s", check.space.count, shown_error(left))
+        if left <= goal:
+            return solver
+        rounds.go_on()
+        solver = Solver(solver.problem, solver.plan, space=check.space.with_fields(fields))
+
+
+TIGHT = 1e-11
+"""Tolerance of points of which differences are taken."""
