@@ -156,9 +156,9 @@ class _Rounds:
 _RECENT = 6
 """Errors, with the rounds between them, that a rate is taken from."""
 _SLOWEST = 0.99
-_LEAST = 1.5
-"""Errors of points may be so many times larger than one cycle says, however well it went: that is a rate of
-0.2."""
+_LEAST = 2.0
+"""Errors of points may be so many times larger than one cycle says, however well it went: that is a rate of a
+third."""
 
 
 # --- one run --------------------------------------------------------------------------------------

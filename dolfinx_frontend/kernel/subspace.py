@@ -37,6 +37,9 @@ Values = dict[str, Any]
 DEPENDENT = 1e-10
 """A field that is left of so little by those before it is one of them."""
 
+OF_SPRINGS = 1e-4
+"""Share of the energy of springs between bodies that errors are relative to."""
+
 
 @dataclass(frozen=True)
 class _Piece:
@@ -384,13 +387,14 @@ class Subspace:
         return found
 
     def energies(self, answer: Answer) -> Array:
-        """Strain energies (c) of an answer, those of the springs of the multigrid included."""
+        """What errors of an answer are relative to, (c): strain energies of the bodies, and a little of those
+        of the springs between them, which may be soft and would hide the strain of the bodies."""
         found = np.zeros(answer.moved.shape[1])
         for (rows, _), strained in zip(self._places, self._strained, strict=True):
             found += np.einsum("ij,ij->j", answer.moved[rows], strained @ answer.moved[rows])
         free = self.free(answer)
         for spring, jump in zip(self.bodies.between, self._jumps, strict=True):
-            found += spring.stiffness @ (jump @ free) ** 2
+            found += OF_SPRINGS * (spring.stiffness @ (jump @ free) ** 2)
         return np.abs(found)
 
     def free(self, answer: Answer) -> Array:
