@@ -11,10 +11,13 @@ from dolfinx.fem import petsc as fem_petsc
 
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Ints
+from dolfinx_frontend.common.arrays import Flags, Ints
 from dolfinx_frontend.common.compat import component
 
-__all__ = ["Vertices", "vertices_of"]
+__all__ = ["Vertices", "in_thin_cells", "vertices_of"]
+
+THIN = 4.0
+"""Extents of a cell whose linear shape functions cannot bend: the largest over the smallest."""
 
 
 class Vertices(NamedTuple):
@@ -52,3 +55,19 @@ def vertices_of(part: Substructure) -> Vertices | None:
     order = np.empty_like(nodes_of)
     order[nodes_of] = np.arange(len(nodes_of))
     return Vertices(weights[order], nodes)
+
+
+def in_thin_cells(part: Substructure) -> Flags:
+    """Nodes (nodes,) of cells that are much longer one way than another.
+
+    Linear shape functions are too stiff in bending by the square of that ratio.
+    """
+    nodes = np.asarray(part.space.dofmap.list)
+    found = np.zeros(len(part.dof_coordinates), dtype=bool)
+    for some in np.array_split(nodes, len(nodes) // 50_000 + 1):
+        places = part.dof_coordinates[some]
+        away = places - places.mean(axis=1, keepdims=True)
+        extents = np.linalg.eigvalsh(np.swapaxes(away, 1, 2) @ away)
+        thin = extents[:, -1] > THIN**2 * extents[:, 0]
+        found[some[thin]] = True
+    return found

@@ -23,6 +23,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.estimate.adaptive import TIGHT, solve_to_accuracy
 from dolfinx_frontend.estimate.errors import FINEST, complete, errors, next_halving, size_of, whole_of
 from dolfinx_frontend.estimate.points import SETS, SURE, calibrated, solved, wide_points
+from dolfinx_frontend.kernel.fitting import solver_of
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Method, Plan, plan_of_random
 from dolfinx_frontend.plan.price import Way
@@ -254,7 +255,7 @@ def fine_points(
                 **settings,
             )
             kept = before.problem is problem and _alike(plan, before.plan)
-            solver = before if kept else Solver(problem, plan, before)
+            solver = before if kept else solver_of(problem, plan, before=before)
         samples = sample_on(
             solver,
             random,

@@ -31,8 +31,8 @@ from dolfinx_frontend.inference.inputs import Coordinates, Inputs
 from dolfinx_frontend.inference.journal import BATCH, Journal, Solved, facts_of, settle
 from dolfinx_frontend.inference.points import answer_of, part_of
 from dolfinx_frontend.inference.reduced import FEWEST, Reduced, neighbours
+from dolfinx_frontend.kernel.fitting import sloped, solver_of, walked
 from dolfinx_frontend.kernel.running import Interrupt, Interrupted
-from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings
 from dolfinx_frontend.results.accuracy import place_of
@@ -142,7 +142,7 @@ class ProblemFunction:
         self.inputs, self.outputs = inputs.names, tuple(quantities)
         self.problem, self.plan, self.on_failure = inputs.problem, plan, on_failure
         with agreed_over(ranks):
-            self.solver = Solver(inputs.problem, plan)
+            self.solver = solver_of(inputs.problem, plan)
         self.solves = 0
         self.seconds = 0.0
         self._known: OrderedDict[bytes, _Known] = OrderedDict()
@@ -323,8 +323,8 @@ class ProblemFunction:
         scale = np.ptp(every, axis=0)
         scale[scale == 0.0] = 1.0
         with Interrupt() as interrupt:
-            walked = self.solver.walk(
-                self.solver.laws,
+            self.solver, points = walked(
+                self.solver,
                 self.plan.amplitudes,
                 parameters,
                 short_steps(x / scale),
@@ -334,7 +334,7 @@ class ProblemFunction:
                 start={len(x) + k: each.state for k, each in enumerate(starts)},
                 ranks=self._ranks,
             )
-        solved = _first(walked, len(x))
+        solved = _first(points, len(x))
         if np.any(solved.iterations < 0):
             done = int((solved.iterations >= 0).sum())
             kept = ""
@@ -453,14 +453,21 @@ class ProblemFunction:
         return said
 
     def _derivatives(self, point: Array, way: Way | None) -> Derivatives:
-        if self._journal is not None and way is None and (written := self._journal.slopes(point)) is not None:
+        asked = way is not None
+        if self._journal is not None and not asked and (written := self._journal.slopes(point)) is not None:
             return written
         began = perf_counter()
         known = self._known[point.tobytes()]
         count = len(self.outputs)
+        if self.solver.space is not None:  # an adjoint has other forces than those that its basis is for
+            way = "direct"
+            every = range(self.dimension)
+            around = self._inputs.around(point, every, self._inputs.steps(point))[0]
+            parameters = self._inputs.parameters(self.plan, around)
+            self.solver = sloped(self.solver, self.plan.amplitudes, parameters)
         result = derivatives(self.solver, self._inputs, point, known.state, self._read, count, way)
         self.seconds += perf_counter() - began
-        if self._journal is not None and way is None:
+        if self._journal is not None and not asked:
             self._journal.add_slopes(point, result)
         return result
 

@@ -83,6 +83,8 @@ class Reduced:
     def of(cls, solver: Solver, parameters: Sequence[SweptParameter]) -> Reduced | None:
         """For what is swept; None: it does not apply."""
         problem, plan, laws = solver.problem, solver.plan, solver.laws
+        if solver.space is not None:  # a basis of the bodies has its own way with many points
+            return None
         if problem.distribution is not None or plan.amplitudes.shape[1] != 1 or not plan.active:
             return None
         swept = {(p.interface, p.parameter): p for p in parameters}

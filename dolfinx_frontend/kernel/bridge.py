@@ -40,6 +40,7 @@ __all__ = [
     "definite",
     "describe",
     "laws",
+    "spring_stiffness",
 ]
 
 
@@ -145,7 +146,7 @@ def _law(interface: Interface, fields: Fields) -> str | _core.Law:
     return compiled
 
 
-def _spring_stiffness(
+def spring_stiffness(
     interface: Interface, components: int, floors: Mapping[tuple[str, str], Array]
 ) -> Array:
     """kappa (m, components), with some of its values replaced."""
@@ -205,7 +206,7 @@ def _body(
     for name in body.springs:
         interface = problem.interfaces[name]
         fields, *others = (interface.law.pattern(a).fields(interface) for a in patterns)
-        stiffness = _spring_stiffness(interface, fields.components, floors or {})
+        stiffness = spring_stiffness(interface, fields.components, floors or {})
         if corrected:
             stiffness = factorised_stiffness(problem, interface, stiffness)
         springs.append(
@@ -399,8 +400,8 @@ def build(
         backend = "automatic"
     elif backend == "multigrid":
         raise SceneError(
-            "backend 'multigrid' solves one linear run (a solution, a history, a chaos): sweeps, samples and "
-            "nonlinear laws need a factor of the parts, backend='cholmod'"
+            "backend 'multigrid' is for linear laws, and this needs a factor of the parts: use "
+            "backend='cholmod'"
         )
     with agreement(comm):
         described = described or describe(problem, plan, corrected)

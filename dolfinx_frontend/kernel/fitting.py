@@ -1,14 +1,28 @@
-"""A solver without a factor of the parts: the basis of its bodies grows until one run of its laws is
-answered."""
+"""Solvers without a factor of the parts: the basis of their bodies grows until a run of linear laws, or every
+point of a walk, is answered."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
-from latin_core import Laws, NumericalError, State
+import numpy.typing as npt
+from latin_core import (
+    Iteration,
+    Laws,
+    NumericalError,
+    Options,
+    Solved,
+    State,
+    Summary,
+    SweepPoints,
+    SweptParameter,
+)
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
@@ -16,11 +30,12 @@ from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.kernel.subspace import Bodies, Subspace
+from dolfinx_frontend.kernel.solver import Solver, locked
+from dolfinx_frontend.kernel.spread import PointRanks
+from dolfinx_frontend.kernel.subspace import Answer, Bodies, Subspace
 from dolfinx_frontend.plan.plan import Plan
 
-__all__ = ["SHARE", "fitted"]
+__all__ = ["SHARE", "fitted", "sloped", "solver_of", "walked"]
 
 _log = logging.getLogger(__name__)
 
@@ -39,7 +54,114 @@ NEGLIGIBLE = 0.05
 FAINT = 1e-9
 """A fluctuation that is so small beside the mean is measured with it."""
 
+FAR, EVEN = 8, 8
+"""Points that a basis is made for first: such that are far from each other, and such of a fair choice."""
 
+ADDED = 64
+"""Fields at most that one walk over points adds."""
+
+EXACT = 1e-5
+"""Answers of several points are combinations of fewer, to this share of the tolerance."""
+
+RANGE = 1e3
+"""Springs of the multigrid are at most so many times softer than the stiffest that are swept."""
+
+ALIKE = 4.0
+"""Springs of a multigrid serve points whose springs are so many times softer, not more."""
+
+
+def _check(problem: Problem, plan: Plan) -> None:
+    """Refuse what a basis cannot answer.
+
+    Raises
+    ------
+    SceneError
+        A law is nonlinear, or there are several ranks.
+    """
+    problem.on_one_rank("backend 'multigrid'")
+    for name in plan.active:
+        if not problem.interfaces[name].law.superposes:
+            raise SceneError(
+                f"interface {name!r}: its law is nonlinear, and backend 'multigrid' is for linear ones: use "
+                "backend='cholmod'"
+            )
+
+
+def _begun(
+    problem: Problem,
+    plan: Plan,
+    description: bridge.Description,
+    floors: Mapping[tuple[str, str], Array] | None = None,
+) -> Subspace:
+    """The basis of rigid motions and loads."""
+    began = perf_counter()
+    bodies = Bodies(problem, description, floors)
+    space = Subspace.of(bodies)
+    text = "multigrid of %d unknowns (%s), %.2f s"
+    _log.info(text, bodies.size, bodies.multigrid.kind, perf_counter() - began)
+    return space
+
+
+class _Rounds:
+    """Errors before every round in which a basis grows."""
+
+    def __init__(self, goal: float, measured: Sequence[float] = ()) -> None:
+        self._goal = goal
+        self._measured = list(measured)
+        self._best = np.inf
+
+    def left(self, found: float) -> float:
+        """What an error of one cycle may be in truth."""
+        self._measured.append(found)
+        left = found * self.underestimated
+        self._best = min(self._best, left)
+        return left
+
+    @property
+    def several(self) -> bool:
+        """Whether they tell a rate."""
+        return len(self._measured) > 1 or self._measured == [0.0]
+
+    @property
+    def underestimated(self) -> float:
+        """How many times larger errors may be than one cycle says.
+
+        Where the eigenvalues of M^-1 A lie in [1 / kappa, 1], r^T A^-1 r <= kappa r^T M^-1 r, and conjugate
+        gradients take the fraction (sqrt(kappa) - 1) / (sqrt(kappa) + 1) from the error in a step: the rounds
+        tell kappa.
+        """
+        recent = np.array(self._measured[-_RECENT:])
+        if len(recent) < 2 or not recent[-1] > 0.0:
+            return 1.0
+        rate = min((recent[-1] / recent[0]) ** (1.0 / (len(recent) - 1)), _SLOWEST)
+        return float((1.0 + rate) / (1.0 - rate))
+
+    def go_on(self) -> None:
+        """Another round.
+
+        Raises
+        ------
+        NumericalError
+            They do not converge.
+        """
+        measured = self._measured
+        idle = len(measured) > 2 * IDLE and min(measured[-IDLE:]) > 0.5 * min(measured[:-IDLE])
+        if idle or len(measured) > ROUNDS:
+            raise NumericalError(
+                f"backend 'multigrid' ended at an error of {self._best:.1e}, asked {self._goal:.1e}: use "
+                "backend='cholmod', or other settings of PETSc with the prefix latin_body_"
+            )
+
+
+_RECENT = 6
+"""Errors, with the rounds between them, that a rate is taken from."""
+_SLOWEST = 0.99
+_LEAST = 2.0
+"""Errors of points may be so many times larger than one cycle says, however well it went: that is a rate of a
+third."""
+
+
+# --- one run --------------------------------------------------------------------------------------
 @alone
 def fitted(
     problem: Problem, plan: Plan, applied: Callable[[Laws], Laws], amplitudes: Array, means: int
@@ -64,64 +186,25 @@ def fitted(
     NumericalError
         The cycles do not converge.
     """
-    problem.on_one_rank("backend 'multigrid'")
-    for name in plan.active:
-        if not problem.interfaces[name].law.superposes:
-            raise SceneError(
-                f"interface {name!r}: its law is nonlinear, and backend 'multigrid' is for linear ones: use "
-                "backend='cholmod'"
-            )
-    began = perf_counter()
-    described = bridge.describe(problem, plan)
-    bodies = Bodies(problem, described.bodies, described.interfaces)
-    space = Subspace.of(bodies)
-    text = "multigrid of %d unknowns (%s), %.2f s"
-    _log.info(text, bodies.size, bodies.multigrid.kind, perf_counter() - began)
-    goal, left, best = SHARE * plan.options.rtol, 0.1, np.inf
-    measured = [1.0]
+    _check(problem, plan)
+    space = _begun(problem, plan, bridge.describe(problem, plan))
+    goal, left = SHARE * plan.options.rtol, 0.1
+    rounds = _Rounds(goal, [1.0])
     start: list[State] = []
-    for number in range(ROUNDS):
-        solver = Solver(problem, plan, space=space, described=described)
+    while True:
+        solver = Solver(problem, plan, space=space)
         laws = applied(solver.laws)
         loose = plan.options.with_(rtol=float(np.clip(0.02 * left, 0.2 * goal, 0.01)))
         summary, state = solver.run(laws, loose, amplitudes, start, progress=False)
-        residual, energies = solver.residual(laws, state, amplitudes)
-        found, fields = _corrections(space, residual, energies, means)
-        measured.append(found)
-        left = found * _underestimated(measured)
-        _log.info("multigrid round %d: %d fields, error %s", number, space.count, shown_error(left))
+        answer = solver.in_basis(laws, state, amplitudes)
+        found, fields = _corrections(space, solver.residual(answer), space.energies(answer), means)
+        left = rounds.left(found)
+        _log.info("multigrid round: %d fields, error %s", space.count, shown_error(left))
         solver.left, start = left, [state]
-        if left <= goal:
+        if left <= goal or summary.status in ("interrupted", "diverged") or not np.isfinite(left):
             return solver, start
-        if summary.status in ("interrupted", "diverged") or not np.isfinite(left):
-            return solver, start
-        best = min(best, left)
-        if len(measured) > 2 * IDLE and min(measured[-IDLE:]) > 0.5 * min(measured[:-IDLE]):
-            break
+        rounds.go_on()
         space = space.with_fields(fields)
-    raise NumericalError(
-        f"backend 'multigrid' ended at an error of {best:.1e}, asked {goal:.1e}: use backend='cholmod', or "
-        "other settings of PETSc with the prefix latin_body_"
-    )
-
-
-def _underestimated(measured: Sequence[float]) -> float:
-    """How many times larger errors may be than one cycle says, of errors before every round.
-
-    Where the eigenvalues of M^-1 A lie in [1 / kappa, 1], r^T A^-1 r <= kappa r^T M^-1 r, and conjugate
-    gradients take the fraction (sqrt(kappa) - 1) / (sqrt(kappa) + 1) from the error in a step: the rounds
-    tell kappa.
-    """
-    recent = np.array(measured[-_RECENT:])
-    if not recent[-1] > 0.0:
-        return 1.0
-    rate = min((recent[-1] / recent[0]) ** (1.0 / (len(recent) - 1)), _SLOWEST)
-    return float((1.0 + rate) / (1.0 - rate))
-
-
-_RECENT = 6
-"""Errors, with the rounds between them, that a rate is taken from."""
-_SLOWEST = 0.99
 
 
 def _corrections(space: Subspace, residual: Array, energies: Array, means: int) -> tuple[float, Array]:
@@ -145,3 +228,412 @@ def _corrections(space: Subspace, residual: Array, energies: Array, means: int) 
     energy = chosen @ (forces.T @ fields) @ chosen.T
     squares = np.diag(energy) * (values.sum() / max(values[:count].sum(), np.finfo(float).tiny))
     return float(np.sqrt(max(abs(squares[group].sum()) for group in groups))), fields
+
+
+# --- many points ----------------------------------------------------------------------------------
+@alone
+def solver_of(
+    problem: Problem,
+    plan: Plan,
+    parameters: Sequence[SweptParameter] = (),
+    before: Solver | None = None,
+) -> Solver:
+    """A solver for points: with factors, or with a basis that :func:`walked` lets grow.
+
+    Parameters
+    ----------
+    parameters
+        What will be swept, where it is known.
+    before
+        As for :class:`Solver`.
+
+    Raises
+    ------
+    SceneError
+        As :func:`fitted`.
+    """
+    if plan.options.backend != "multigrid":
+        return Solver(problem, plan, before)
+    _check(problem, plan)
+    floors = _floors(problem, parameters)
+    return Solver(problem, plan, space=_begun(problem, plan, bridge.describe(problem, plan), floors))
+
+
+def _floors(problem: Problem, parameters: Sequence[SweptParameter]) -> dict[tuple[str, str], Array]:
+    """The softest of all swept springs, point by point of their interfaces.
+
+    With them errors are measured from above: r^T A^-1 r falls with the stiffness of A.
+    """
+    found = {}
+    for each in parameters:
+        interface = problem.interfaces.get(each.interface)
+        if interface is None or each.parameter not in interface.law.spans:
+            continue
+        softest, stiffest = np.inf, 0.0
+        for first in range(0, each.values.shape[1], 256):
+            values = each.pattern @ each.values[:, first : first + 256]
+            by_column = values.reshape(each.columns, -1, values.shape[1])
+            softest = np.minimum(softest, by_column.min(axis=(0, 2)))
+            stiffest = max(stiffest, float(values.max()))
+        if stiffest > 0.0:
+            floor = np.maximum(softest, stiffest / RANGE)
+            found[each.interface, each.parameter] = np.broadcast_to(floor, (interface.num_points,)).copy()
+    return found
+
+
+def _softer(space: Subspace, parameters: Sequence[SweptParameter]) -> float:
+    """How many times softer than the springs of the multigrid those of points are, or stiffer beyond
+    :data:`RANGE`."""
+    largest = 1.0
+    problem = space.bodies.problem
+    for name, floor in _floors(problem, parameters).items():
+        interface = problem.interfaces[name[0]]
+        own = space.bodies.floors.get(name)
+        if own is None:
+            own = interface.law.stiffnesses(interface)[:, interface.law.spans[name[1]]].min(axis=1)
+        own = np.maximum(own, np.finfo(float).tiny)
+        largest = max(largest, float(np.max(own / floor)), float(np.max(floor / own)) / RANGE)
+    return largest
+
+
+class _Check:
+    """Whether a basis answers points, and the fields that it lacks.
+
+    Answers of many points are combinations of few: so are the residuals, which are linear in them. Of these
+    few, multigrid says the energy.
+
+    Attributes
+    ----------
+    solver
+        In whose basis the points were solved.
+    found
+        Largest error of a point that was checked, by one cycle.
+    fields
+        (n, few) blocks.
+    moved
+        (fields, columns) blocks of some points in the basis.
+    """
+
+    def __init__(
+        self,
+        solver: Solver,
+        amplitudes: Array,
+        parameters: Sequence[SweptParameter],
+        goal: float,
+        underestimated: float | None,
+    ) -> None:
+        assert solver.space is not None
+        self.solver, self.space = solver, solver.space
+        self._amplitudes, self._goal = amplitudes, goal
+        self._tries = underestimated is None
+        self._under = underestimated or 1.0
+        self._loads = [each for each in parameters if not each.interface]
+        self.found = 0.0
+        self.moved: list[Array] = []
+        self.fields: list[Array] = []
+
+    def __call__(self, solved: Sequence[Solved]) -> Sequence[float]:
+        """Errors that the basis leaves in points; NaN where they are above the goal."""
+        whole = _beside([self.answer(each) for each in solved])
+        if self._tries:
+            self.moved.append(self.space.free(whole))
+        found, fields = self.errors(whole)
+        self.found = max(self.found, float(found.max(initial=0.0)))
+        left = self._under * found
+        missed = ~(left <= self._goal)
+        if (self._tries or missed.any()) and sum(each.shape[1] for each in self.fields) < ADDED:
+            self.fields.append(fields)
+        return [float(each) for each in np.where(missed, np.nan, left)]
+
+    def errors(self, whole: Answer) -> tuple[Array, Array]:
+        """Relative errors (points,) of answers by one cycle, and fields (n, few) that take most of them
+        away."""
+        columns = self._amplitudes.shape[1]
+        energies = self.space.energies(whole).reshape(-1, columns).sum(axis=1)
+        size = energies.max(initial=0.0)
+        scale = np.sqrt(np.maximum(energies, FAINT**2 * size)) if size > 0.0 else np.ones(len(energies))
+        per_column = np.repeat(scale, columns)
+        few, shares = _few(Answer(*(block / per_column for block in whole)), EXACT * self._goal)
+        return self._measured(self.solver.residual(few), shares, columns)
+
+    def answer(self, solved: Solved) -> Answer:
+        """A point as the bodies see it."""
+        amplitudes = self._amplitudes
+        for each in self._loads:
+            own = each.pattern @ each.values[:, solved.point]
+            amplitudes = amplitudes + own.reshape(amplitudes.shape, order="F")
+        return self.solver.in_basis(solved.laws, solved.state, np.asfortranarray(amplitudes))
+
+    def _measured(self, residual: Array, shares: Array, columns: int) -> tuple[Array, Array]:
+        """Errors of points by one cycle, and what the cycle makes of the directions that matter.
+
+        Parameters
+        ----------
+        residual
+            (n, few), of which every point has its `shares` (few, points * columns).
+        """
+        multigrid = self.space.bodies.multigrid
+        gram = multigrid.energies(residual)
+        values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
+        energetic = (np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T) @ shares
+        _, sizes, right = np.linalg.svd(energetic, full_matrices=False)
+        squares = ((sizes[:, None] * right) ** 2).reshape(len(sizes), -1, columns).sum(axis=2)
+        # rows: what is left by the directions before
+        rest = np.vstack([np.cumsum(squares[::-1], axis=0)[::-1], np.zeros(squares.shape[1])])
+        least = max(float(rest[0].max(initial=0.0)), self._goal**2)
+        count = max(1, int(np.argmax(np.all(rest <= NEGLIGIBLE * least, axis=1))))
+        forces = residual @ (shares @ right[:count].T)
+        fields = multigrid.cycle(forces)
+        energy = forces.T @ fields
+        energy = 0.5 * (energy + energy.T)
+        own = right[:count]
+        of_chosen = np.einsum("ic,ij,jc->c", own, energy, own).reshape(-1, columns).sum(axis=1)
+        unit = np.maximum(sizes[:count], np.finfo(float).tiny)
+        factor = max(float(np.linalg.eigvalsh(energy / np.outer(unit, unit))[-1]), 0.0)
+        found: Array = np.sqrt(np.maximum(of_chosen, 0.0)) + np.sqrt(factor * rest[count])
+        return found, fields
+
+
+def _beside(answers: Sequence[Answer]) -> Answer:
+    """Answers, column beside column."""
+    return Answer(*(np.hstack(blocks) for blocks in zip(*answers, strict=True)))
+
+
+def _few(answer: Answer, tolerance: float) -> tuple[Answer, Array]:
+    """Answers of which others are combinations, and their shares (few, columns) in each."""
+    blocks, factors = [], []
+    for block in answer:
+        size = float(np.linalg.norm(block))
+        factors.append(size if size > 0.0 else 1.0)
+        blocks.append(block / factors[-1])
+    left, sizes, right = np.linalg.svd(np.vstack(blocks), full_matrices=False)
+    sizes[:1] = np.maximum(sizes[:1], np.finfo(float).tiny)
+    kept = sizes > tolerance * sizes.max(initial=0.0) / np.sqrt(max(answer.moved.shape[1], 1))
+    left = left[:, kept] * sizes[kept]
+    ends = np.cumsum([len(block) for block in blocks])[:-1]
+    parts = (part * factor for part, factor in zip(np.split(left, ends), factors, strict=True))
+    return Answer(*(np.asfortranarray(part) for part in parts)), right[kept]
+
+
+class _Walk(NamedTuple):
+    """What all walks over the same points have in common."""
+
+    amplitudes: Array
+    parameters: Sequence[SweptParameter]
+    options: Options
+    goal: float
+    callback: Callable[[Iteration], None] | None
+
+    def check(self, solver: Solver, scatter: float, underestimated: float | None) -> _Check:
+        """For points that are solved in the basis of a solver; None: they are tried only."""
+        return _Check(solver, self.amplitudes, self.parameters, self.goal * scatter, underestimated)
+
+    def tried(
+        self, solver: Solver, points: Sequence[int], check: Callable[[Sequence[Solved]], Sequence[float]]
+    ) -> bool:
+        """Solve some points for their fields only; whether all were reached."""
+        found = solver.walk(
+            solver.laws,
+            self.amplitudes,
+            self.parameters,
+            points,
+            self.options,
+            callback=self.callback,
+            keep_fields=False,
+            check=check,
+        )
+        return int((found.iterations >= 0).sum()) + len(found.missed) == len(points)
+
+
+def _far(parameters: Sequence[SweptParameter], points: Sequence[int]) -> list[int]:
+    """Some of many points: such that are far from each other, and every so manieth."""
+    if len(points) <= FAR + EVEN or not parameters:
+        return list(points)
+    values = np.concatenate([each.values[:, points] for each in parameters]).T
+    size = np.ptp(values, axis=0)
+    places = values / np.where(size > 0.0, size, 1.0)
+    even = np.unique(np.linspace(0, len(points) - 1, EVEN).astype(np.int64))
+    chosen = [int(each) for each in even]
+    away = np.min([np.sum((places - places[k]) ** 2, axis=1) for k in chosen], axis=0)
+    for _ in range(FAR):
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.sum((places - places[chosen[-1]]) ** 2, axis=1))
+    return [points[k] for k in dict.fromkeys(chosen)]
+
+
+def walked(
+    solver: Solver,
+    amplitudes: Array,
+    parameters: Sequence[SweptParameter],
+    order: Sequence[int],
+    options: Options,
+    *,
+    checkpoint: str | Path | None = None,
+    header: dict[str, Any] | None = None,
+    progress: Callable[[int, Summary], None] | None = None,
+    callback: Callable[[Iteration], None] | None = None,
+    keep_states: bool = False,
+    keep_fields: bool = True,
+    outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None = None,
+    start: Mapping[int, State] | None = None,
+    ranks: PointRanks | None = None,
+) -> tuple[Solver, SweepPoints]:
+    """Solve at many points, see :meth:`Solver.walk`; and the solver that knows the answers.
+
+    A solver with a basis gets fields until a check has passed every point: first those that a few points
+    need, then those of points that the check refuses.
+
+    Raises
+    ------
+    SceneError
+        A basis, and points that are spread over ranks.
+    NumericalError
+        The cycles of multigrid do not converge.
+    """
+    more: dict[str, Any] = {
+        "checkpoint": checkpoint,
+        "header": header,
+        "progress": progress,
+        "callback": callback,
+        "keep_states": keep_states,
+        "keep_fields": keep_fields,
+        "outputs": outputs,
+        "start": start,
+    }
+    if solver.space is None:
+        walk = solver.walk(solver.laws, amplitudes, parameters, order, options, ranks=ranks, **more)
+        return solver, walk
+    if ranks is not None:
+        raise SceneError(
+            "backend 'multigrid' with points_comm: points that are spread over ranks need a factor of the "
+            "parts, backend='cholmod'; leave points_comm out"
+        )
+    half = options.with_(rtol=(1.0 - SHARE) * options.rtol)
+    own = _Walk(amplitudes, parameters, half, SHARE * options.rtol, callback)
+    return _walked_in_basis(solver, own, order, more)
+
+
+@alone
+def _walked_in_basis(
+    solver: Solver, own: _Walk, order: Sequence[int], more: Mapping[str, Any]
+) -> tuple[Solver, SweepPoints]:
+    """As :func:`walked`, by a solver with a basis; `more` are further arguments of :meth:`Solver.walk`."""
+    parameters = own.parameters
+    assert solver.space is not None
+    if _softer(solver.space, parameters) > ALIKE:
+        solver = _with_springs(solver, parameters)
+    solver, scatter, under, whole = _grown(solver, own, _far(parameters, order), 1.0, _LEAST)
+    points: SweepPoints | None = None
+    while True:
+        check = own.check(solver, scatter, under)
+        left = [p for p in order if points is None or points.iterations[p] < 0] if whole else []
+        points = solver.walk(
+            solver.laws, own.amplitudes, parameters, left, own.options, before=points, check=check, **more
+        )
+        missed = list(points.missed)
+        still = [p for p in left if points.iterations[p] < 0]
+        if not missed or len(missed) < len(still):  # all are done, or Ctrl-C
+            if own.options.scatter:
+                points.scatter = min(points.scatter, scatter)
+            return solver, locked(points)
+        _log.info("multigrid: %d of %d points need more fields", len(missed), len(left))
+        space = check.space.with_fields(np.hstack(check.fields))
+        solver = Solver(solver.problem, solver.plan, space=space)
+        solver, scatter, under, whole = _grown(solver, own, _far(parameters, missed), scatter, under)
+
+
+def _with_springs(solver: Solver, parameters: Sequence[SweptParameter]) -> Solver:
+    """A solver with the springs of other points, and the fields that it had."""
+    problem, plan, old = solver.problem, solver.plan, solver.space
+    assert old is not None
+    space = _begun(problem, plan, old.bodies.described, _floors(problem, parameters))
+    known = np.zeros((old.bodies.size, 0), order="F")
+    for piece, fields in zip(old.bodies.pieces, old.fields, strict=True):
+        block = np.zeros((old.bodies.size, fields.shape[1]), order="F")
+        block[piece.own] = fields
+        known = np.hstack([known, block])
+    return Solver(problem, plan, space=space.with_fields(known))
+
+
+def _grown(
+    solver: Solver, own: _Walk, points: Sequence[int], scatter: float, underestimated: float
+) -> tuple[Solver, float, float, bool]:
+    """A solver whose basis answers a few points; what these scatter by, how far one cycle may underestimate
+    errors, and whether the points were all reached."""
+    rounds = _Rounds(own.goal)
+    while True:
+        check = own.check(solver, scatter, None)
+        whole = own.tried(solver, points, check)
+        if not whole or not points:
+            return solver, scatter, underestimated, whole
+        if own.options.scatter and len(points) > 2:
+            scatter = min(scatter, _scatter(np.hstack(check.moved), own.amplitudes.shape[1]))
+        left = rounds.left(check.found)
+        _log.info("multigrid round: %d fields, error %s", check.space.count, shown_error(left))
+        if rounds.several and left <= own.goal * scatter:
+            return solver, scatter, max(underestimated, rounds.underestimated), True
+        rounds.go_on()
+        space = check.space.with_fields(np.hstack(check.fields))
+        solver = Solver(solver.problem, solver.plan, space=space)
+
+
+def _scatter(moved: Array, columns: int) -> float:
+    """What points differ by, relative to their energy; the fields of a basis are orthonormal in energy."""
+    by_point = moved.T.reshape(-1, columns * len(moved))
+    mean = by_point.mean(axis=0)
+    size = float(np.sum(mean**2))
+    away = float(np.sum((by_point - mean) ** 2)) / len(by_point)
+    return float(np.clip(np.sqrt(away / size), FAINT, 1.0)) if size > 0.0 else 1.0
+
+
+class _Pairs:
+    """The answers of points, by their number."""
+
+    def __init__(self, check: _Check) -> None:
+        self._check = check
+        self.answers: dict[int, Answer] = {}
+
+    def __call__(self, solved: Sequence[Solved]) -> Sequence[float]:
+        """Keep them all."""
+        self.answers |= {each.point: self._check.answer(each) for each in solved}
+        return [0.0] * len(solved)
+
+
+@alone
+def sloped(solver: Solver, amplitudes: Array, parameters: Sequence[SweptParameter]) -> Solver:
+    """A solver that knows the differences between pairs of near points as well as points by themselves.
+
+    Parameters
+    ----------
+    parameters
+        Of 2 p points: the first of each pair, then the second of each.
+
+    Raises
+    ------
+    NumericalError
+        The cycles of multigrid do not converge.
+    """
+    if solver.space is None or not parameters:
+        return solver
+    options = solver.plan.options
+    goal = SHARE * options.rtol
+    own = _Walk(amplitudes, parameters, options.with_(rtol=TIGHT, scatter=False), goal, None)
+    count = parameters[0].values.shape[1] // 2
+    rounds = _Rounds(goal)
+    while True:
+        check = own.check(solver, 1.0, None)
+        pairs = _Pairs(check)
+        if not own.tried(solver, range(2 * count), pairs):
+            return solver
+        first, second = (_beside([pairs.answers[k + half] for k in range(count)]) for half in (0, count))
+        found, fields = check.errors(Answer(*(a - b for a, b in zip(first, second, strict=True))))
+        left = max(rounds.left(float(found.max())), _LEAST * float(found.max()))
+        _log.info("multigrid round for slopes: %d fields, error %s", check.space.count, shown_error(left))
+        if left <= goal:
+            return solver
+        rounds.go_on()
+        solver = Solver(solver.problem, solver.plan, space=check.space.with_fields(fields))
+
+
+TIGHT = 1e-11
+"""Tolerance of points of which differences are taken."""

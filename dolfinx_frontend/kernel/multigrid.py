@@ -22,8 +22,8 @@ from petsc4py import PETSc as _PETSc
 from dolfinx_frontend.assembly.elements import csr, petsc_matrix
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import rigid_modes
-from dolfinx_frontend.assembly.vertices import vertices_of
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.assembly.vertices import in_thin_cells, vertices_of
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.errors import SceneError
 
 __all__ = ["PREFIX", "Coarse", "Multigrid", "Spring", "linear_shapes", "multiplied", "rigid_motions"]
@@ -322,12 +322,18 @@ def _set_up(solver: Any, prefix: str, defaults: dict[str, Any]) -> None:
 
 def _with_touched(coarse: Coarse, springs: Sequence[Spring]) -> Coarse:
     """The coarse level and all unknowns that springs touch: however stiff they are, it knows them."""
-    size = coarse.prolongation.shape[0]
-    touched = np.zeros(size, dtype=bool)
+    touched = np.zeros(coarse.prolongation.shape[0], dtype=bool)
     for spring in springs:
         touched[spring.jump.indices[spring.jump.data != 0.0]] = True
-    touched[coarse.owners] = False
-    more = np.flatnonzero(touched)
+    return _with_more(coarse, touched)
+
+
+def _with_more(coarse: Coarse, wanted: Flags) -> Coarse:
+    """The coarse level and some of the unknowns (n,)."""
+    size = len(wanted)
+    missing = wanted.copy()
+    missing[coarse.owners] = False
+    more = np.flatnonzero(missing)
     ones = sp.csr_matrix((np.ones(len(more)), (more, np.arange(len(more)))), shape=(size, len(more)))
     return Coarse(
         sp.hstack([coarse.prolongation, ones], "csr"), np.concatenate([coarse.owners, more])
@@ -365,15 +371,18 @@ def rigid_motions(problem: Problem, prolongations: Mapping[str, sp.csr_matrix]) 
 
 
 def linear_shapes(problem: Problem, prolongations: Mapping[str, sp.csr_matrix]) -> Coarse | None:
-    """The linear shape functions of parts in their unknowns; None: a part has no others."""
+    """The linear shape functions of parts in their unknowns, and all unknowns of thin cells; None: a part has
+    no others."""
     size = next(iter(prolongations.values())).shape[1]
     at_vertex = np.zeros(size, dtype=bool)
+    thin = np.zeros(size, dtype=bool)
     found = []
     for name, Z in prolongations.items():
         part = problem.substructures[name]
         vertices = vertices_of(part)
         if vertices is None:
             return None
+        thin[Z[np.repeat(in_thin_cells(part), part.dim)].indices] = True
         at = (part.dim * vertices.nodes[:, None] + np.arange(part.dim)).ravel()
         on_vertices = Z[at]
         at_vertex[on_vertices.indices] = True
@@ -385,4 +394,4 @@ def linear_shapes(problem: Problem, prolongations: Mapping[str, sp.csr_matrix]) 
     prolongation = _averaged(prolongations, total)
     prolongation.data[np.abs(prolongation.data) < 1e-12] = 0.0
     prolongation.eliminate_zeros()
-    return Coarse(prolongation, owners)
+    return _with_more(Coarse(prolongation, owners), thin)

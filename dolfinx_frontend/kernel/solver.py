@@ -19,6 +19,7 @@ from latin_core import (
     Laws,
     Linearised,
     Options,
+    Solved,
     State,
     Structure,
     Summary,
@@ -38,10 +39,10 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.rank_checkpoint import RankCheckpoint
 from dolfinx_frontend.kernel.running import Interrupt
 from dolfinx_frontend.kernel.spread import PointRanks, one_answer
-from dolfinx_frontend.kernel.subspace import Subspace
+from dolfinx_frontend.kernel.subspace import Answer, Subspace
 from dolfinx_frontend.plan.plan import Plan
 
-__all__ = ["Solver"]
+__all__ = ["Solver", "locked"]
 
 _log = logging.getLogger(__name__)
 
@@ -78,7 +79,6 @@ class Solver:
         plan: Plan,
         before: Solver | None = None,
         space: Subspace | None = None,
-        described: bridge.Description | None = None,
     ) -> None:
         problem.check_alike(
             "factorise",
@@ -96,9 +96,10 @@ class Solver:
         self.plan = plan
         known: Structure | None = None if before is None else before._core
         self.space, self.left = space, 0.0
-        if space is not None and described is not None:
+        described: bridge.Description | None = None
+        if space is not None:
             bodies, interfaces = space.described()
-            described = described._replace(bodies=bodies, interfaces=interfaces)
+            described = space.bodies.described._replace(bodies=bodies, interfaces=interfaces)
         self._core: Structure
         self._core, own, acting = bridge.build(problem, plan, known, described)
         self.acting = ReadOnlyDict(acting)
@@ -213,6 +214,8 @@ class Solver:
         outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None = None,
         start: Mapping[int, State] | None = None,
         ranks: PointRanks | None = None,
+        before: SweepPoints | None = None,
+        check: Callable[[Sequence[Solved]], Sequence[float]] | None = None,
     ) -> SweepPoints:
         """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept.
 
@@ -220,8 +223,10 @@ class Solver:
         ----------
         ranks
             That solve the points together, each on a solver of its own.
+        before, check
+            Points that an earlier walk has left, and what says whether points are good enough to be kept: then
+            the arrays are not locked yet.
         """
-        self._check_whole("a sweep or a sampling")
         if self.problem.comm is None:
             self.problem.check_unchanged()
         own = self.problem.own.interfaces
@@ -246,18 +251,11 @@ class Solver:
                 outputs,
                 start,
                 None if ranks is None else ranks.shares,
+                before,
+                check,
             )
         self._over_ranks(points)
-        blocks: list[Any] = [points.iterations, points.error, points.seconds, points.status, points.states]
-        blocks += [points.worst, points.largest]
-        blocks += [*points.forces.values(), *points.jumps.values(), *points.outputs.values()]
-        for block in blocks:
-            if block is not None:
-                block.flags.writeable = False
-        points.forces, points.jumps = ReadOnlyDict(points.forces), ReadOnlyDict(points.jumps)
-        points.outputs = ReadOnlyDict(points.outputs)
-        points.histories = ReadOnlyDict(points.histories)
-        return points
+        return points if check is not None else locked(points)
 
     def _over_ranks(self, points: SweepPoints) -> None:
         """Of the largest errors that the ranks have seen, the place of the largest; collective."""
@@ -282,10 +280,15 @@ class Solver:
         self._check_whole("what depends on other forces")
         return self._core.response_to(forces)
 
-    def residual(self, laws: Laws, state: State, amplitudes: Array) -> tuple[Array, Array]:
-        """What an answer in a basis leaves of the equations of the bodies, see :meth:`Subspace.residual`."""
+    def in_basis(self, laws: Laws, state: State, amplitudes: Array) -> Answer:
+        """A state in the basis of the solver, see :meth:`Subspace.answer`."""
         assert self.space is not None
-        return self.space.residual(self._core, laws, state, amplitudes)
+        return self.space.answer(self._core, laws, state, amplitudes)
+
+    def residual(self, answer: Answer) -> Array:
+        """What an answer in the basis leaves of the equations of the bodies, see :meth:`Subspace.residual`."""
+        assert self.space is not None
+        return self.space.residual(self._core, answer)
 
     def _check_whole(self, what: str) -> None:
         """Refuse what a basis that was made for one answer does not have."""
@@ -330,10 +333,27 @@ class Solver:
     def linearised(self, laws: Laws, state: State, transposed: bool = False) -> Linearised:
         """The structure with the tangents of its laws at a state, factorised; transposed, for adjoints.
 
+        A basis has to know the slopes that are asked for, see :func:`dolfinx_frontend.kernel.fitting.sloped`.
+
         Raises
         ------
         NumericalError
             It is not stable with them, or they would cost more than the bodies did.
         """
-        self._check_whole("a derivative")
+        if transposed:
+            self._check_whole("an adjoint")
         return self._core.linearised(laws, state, transposed)
+
+
+def locked(points: SweepPoints) -> SweepPoints:
+    """Points whose arrays nobody changes any more."""
+    blocks: list[Any] = [points.iterations, points.error, points.seconds, points.status, points.states]
+    blocks += [points.worst, points.largest]
+    blocks += [*points.forces.values(), *points.jumps.values(), *points.outputs.values()]
+    for block in blocks:
+        if block is not None:
+            block.flags.writeable = False
+    points.forces, points.jumps = ReadOnlyDict(points.forces), ReadOnlyDict(points.jumps)
+    points.outputs = ReadOnlyDict(points.outputs)
+    points.histories = ReadOnlyDict(points.histories)
+    return points

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,14 +27,18 @@ from dolfinx_frontend.assembly.elements import csr, petsc_matrix
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.multigrid import Multigrid, Spring, linear_shapes, multiplied, rigid_motions
 
-__all__ = ["Bodies", "Subspace"]
+__all__ = ["Answer", "Bodies", "Subspace"]
 
 Values = dict[str, Any]
 
 DEPENDENT = 1e-10
 """A field that is left of so little by those before it is one of them."""
+
+OF_SPRINGS = 1e-4
+"""Share of the energy of springs between bodies that errors are relative to."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,24 @@ class _Piece:
     energy: Array = field(repr=False)
 
 
+class Answer(NamedTuple):
+    """What the bodies do in a basis, and what acts on them.
+
+    Attributes
+    ----------
+    moved
+        (m, c) unknowns of all bodies in the basis, one body after the other.
+    force
+        (rows, c) of the interfaces on the bodies, times their areas.
+    amplitudes
+        (load patterns, c).
+    """
+
+    moved: Array
+    force: Array
+    amplitudes: Array
+
+
 class Bodies:
     """All bodies of a description, as one multigrid problem.
 
@@ -66,8 +89,10 @@ class Bodies:
     ----------
     problem
         Assembled scene, on one rank.
-    bodies, interfaces
-        As the kernel is given them, see ``bridge.Description``.
+    described
+        What the kernel is given of them.
+    floors
+        (interface, parameter) -> (points,) stiffness of an active spring in the matrix, in place of its mean.
 
     Raises
     ------
@@ -75,9 +100,15 @@ class Bodies:
         The stiffness of a part varies, which a fixed basis does not know.
     """
 
-    def __init__(self, problem: Problem, bodies: Sequence[Values], interfaces: Sequence[Values]) -> None:
-        self.problem = problem
-        self.interfaces = interfaces
+    def __init__(
+        self,
+        problem: Problem,
+        described: bridge.Description,
+        floors: Mapping[tuple[str, str], Array] | None = None,
+    ) -> None:
+        self.problem, self.described, self.floors = problem, described, floors or {}
+        self.interfaces = interfaces = described.interfaces
+        bodies = described.bodies
         sizes = np.cumsum([0] + [each["size"] for each in bodies])
         self.size = int(sizes[-1])
         self.loads = bodies[0]["members"][0]["load"].shape[1]
@@ -150,7 +181,7 @@ class Bodies:
         return _placed(trace, self.pieces[body].own, self.size)
 
     def _spring(self, interface: Values) -> Spring:
-        """What an active interface is in the matrix: its mean stiffness, else its search direction."""
+        """What an active interface is in the matrix: its stiffness, else its search direction."""
         law, traces = self.problem.interfaces[interface["name"]].law, self.traces[interface["name"]]
         points = len(interface["weights"])
         components = len(interface["frames"]) // points
@@ -159,7 +190,7 @@ class Bodies:
             stiff = np.concatenate([weights * side["direction"] for side in interface["sides"]])
             return Spring(sp.vstack(traces, format="csr"), stiff)
         scene = self.problem.interfaces[interface["name"]]
-        kappa = law.stiffnesses(scene)[:, :components].ravel()
+        kappa = bridge.spring_stiffness(scene, components, self.floors).ravel()
         jump = -traces[0] if len(traces) == 1 else traces[1] - traces[0]
         return Spring(jump.tocsr(), weights * kappa)
 
@@ -312,39 +343,75 @@ class Subspace:
                 out[member["name"]] = np.asfortranarray(u)
         return out
 
-    def _moved(self, fields: Mapping[str, Array]) -> Array:
-        """The unknowns (n, c) of all bodies, of what the kernel says of them."""
-        names = [piece.values["members"][0]["name"] for piece in self.bodies.pieces]
-        return np.concatenate(
-            [V @ fields[name][: V.shape[1]] for V, name in zip(self.fields, names, strict=True)]
-        )
-
     # -- how good it is ------------------------------------------------------------------------
-    def residual(self, core: Structure, laws: Laws, state: State, amplitudes: Array) -> tuple[Array, Array]:
-        """What an answer leaves of the equations of the bodies, (n, c), and its energies (c)."""
-        bodies = self.bodies
+    def answer(self, core: Structure, laws: Laws, state: State, amplitudes: Array) -> Answer:
+        """A state as the bodies see it."""
         fields = core.displacements(laws, state, amplitudes)
-        out = np.empty((bodies.size, amplitudes.shape[1]), order="F")
-        energies = np.zeros(amplitudes.shape[1])
-        for body, piece in enumerate(bodies.pieces):
-            own = fields[piece.values["members"][0]["name"]]
-            m = self.fields[body].shape[1]
-            out[piece.own] = piece.load @ amplitudes - self.products[body] @ own[:m]
-            strained = csr(self._body(body, "")["members"][0]["stiffness"])
-            energies += np.einsum("ij,ij->j", own, strained @ own)
-        moved = self._moved(fields)
-        for spring in bodies.between:
-            energies += spring.stiffness @ (spring.jump @ moved) ** 2
+        names = [piece.values["members"][0]["name"] for piece in self.bodies.pieces]
         # of the body, not of the law: they are in equilibrium with the basis, however far the iteration is
         force = core.global_stage(laws, np.asfortranarray(state.data), np.asfortranarray(amplitudes))
-        force = np.asarray(core.weights)[:, None] * (
-            state.data - np.asarray(core.directions)[:, None] * force
+        force = state.data - np.asarray(core.directions)[:, None] * force
+        return Answer(
+            np.vstack([fields[name] for name in names]),
+            np.asarray(core.weights)[:, None] * force,
+            np.asarray(amplitudes),
         )
+
+    @cached_property
+    def _places(self) -> list[tuple[slice, slice]]:
+        """Of every body: its rows in :attr:`Answer.moved`, and those of them that are no given motions."""
+        found, first = [], 0
+        for body, fields in enumerate(self.fields):
+            own = fields.shape[1]
+            last = first + own + (self.bodies.loads if self._given(body) else 0)
+            found.append((slice(first, last), slice(first, first + own)))
+            first = last
+        return found
+
+    @cached_property
+    def _strained(self) -> list[Array]:
+        """Stiffness of every body in the basis, given motions included."""
+        count = range(len(self.fields))
+        return [csr(self._body(b, "")["members"][0]["stiffness"]).toarray() for b in count]
+
+    @cached_property
+    def _jumps(self) -> list[Array]:
+        """Jumps of the springs between the bodies under the fields of the basis."""
+        found = []
+        for spring in self.bodies.between:
+            own = [
+                spring.jump[:, piece.own] @ V
+                for piece, V in zip(self.bodies.pieces, self.fields, strict=True)
+            ]
+            found.append(np.hstack(own))
+        return found
+
+    def energies(self, answer: Answer) -> Array:
+        """What errors of an answer are relative to, (c): strain energies of the bodies, and a little of those
+        of the springs between them, which may be soft and would hide the strain of the bodies."""
+        found = np.zeros(answer.moved.shape[1])
+        for (rows, _), strained in zip(self._places, self._strained, strict=True):
+            found += np.einsum("ij,ij->j", answer.moved[rows], strained @ answer.moved[rows])
+        free = self.free(answer)
+        for spring, jump in zip(self.bodies.between, self._jumps, strict=True):
+            found += OF_SPRINGS * (spring.stiffness @ (jump @ free) ** 2)
+        return np.abs(found)
+
+    def free(self, answer: Answer) -> Array:
+        """The unknowns (fields, c) of an answer, without motions that are given."""
+        return np.concatenate([answer.moved[own] for _, own in self._places])
+
+    def residual(self, core: Structure, answer: Answer) -> Array:
+        """What an answer leaves of the equations of the bodies, (n, c); linear in the answer."""
+        bodies = self.bodies
+        out = np.empty((bodies.size, answer.moved.shape[1]), order="F")
+        for piece, product, (_, own) in zip(bodies.pieces, self.products, self._places, strict=True):
+            out[piece.own] = piece.load @ answer.amplitudes - product @ answer.moved[own]
         for each in bodies.interfaces:
             rows = core.first_rows(each["name"])
             for first, trace in zip(rows, bodies.traces[each["name"]], strict=True):
-                out += trace.T @ force[first : first + trace.shape[0]]
-        return out, np.abs(energies)
+                out += trace.T @ answer.force[first : first + trace.shape[0]]
+        return out
 
 
 def _points(spring: Values) -> int:

@@ -33,6 +33,7 @@ from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import (
     Cost,
     blocks_fit,
+    bodies_of,
     interface_unknowns,
     newton_is_dense,
     predict,
@@ -531,9 +532,8 @@ def make_plan(
     zone = interface_unknowns(problem, kept) if dense else 0
     pairs = [name for name in paired if name in here]
     cost = predict(problem.own, here, columns, options, pairs, newton, zone)
-    one_run = random is not None or not (varying or varied)
-    suits = one_run and not (factors or fields) and all(problem.interfaces[n].law.superposes for n in kept)
-    options, of_bodies = _backend(problem, options, cost, suits)
+    suits = not (factors or fields) and all(problem.interfaces[n].law.superposes for n in kept)
+    options, of_bodies = _backend(problem, kept, options, cost, suits)
     decisions += of_bodies
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
@@ -575,7 +575,7 @@ def _of_price(total: Price, way: Way) -> Decision:
 
 
 def _backend(
-    problem: Problem, options: Options, cost: Cost, suits: bool
+    problem: Problem, kept: Sequence[str], options: Options, cost: Cost, suits: bool
 ) -> tuple[Options, list[Decision]]:
     """How the inside of the bodies is solved for where their factors may not fit into the memory, and why.
 
@@ -586,7 +586,7 @@ def _backend(
     """
     if options.backend == "multigrid":
         needs = f"about {shown(cost.multigrid, 'B')}; factors would need {shown(cost.direct, 'B')}"
-        choice = "multigrid, a basis of fields for this answer"
+        choice = "multigrid, a basis of fields"
         return options, [Decision("bodies", choice, f"asked for: {needs}")]
     free = available_memory()
     if problem.distribution is not None or cost.direct <= free:
@@ -604,11 +604,31 @@ def _backend(
         text += f", multigrid about {shown(cost.multigrid, 'B')}"
     text += f", and {shown(free, 'B')} are free"
     if cost.direct > _SURE * free:
-        raise SceneError(
-            f"plan: {text}: take a coarser mesh or a machine with more memory, or spread the parts over MPI "
-            "ranks of several machines"
-        )
+        raise SceneError(f"plan: {text}: {_what_would_do(problem, kept, cost, suits, free)}")
     return options, [Decision("memory", "factors may not fit", text)]
+
+
+def _what_would_do(problem: Problem, kept: Sequence[str], cost: Cost, suits: bool, free: float) -> str:
+    """Remedies where factors do not fit into the memory."""
+    bodies = list(bodies_of(problem, tuple(kept)))
+    groups = members_of_bodies(problem, set(problem.interfaces).difference(kept))
+    each = 8.0 * np.array([body.entries for body in bodies])
+    largest = int(np.argmax(each))
+    parts, size = groups[largest], shown(float(each[largest]), "B")
+    machines = int(np.ceil(cost.direct / max(free, 1.0)))
+    found = "take a coarser mesh or a machine with more memory, "
+    if len(parts) > 1:
+        found += f"keep the {len(parts)} parts around {parts[0]!r} apart (active='all'), "
+    else:
+        found += f"cut {parts[0]!r}, whose factor needs {size}, into parts with Perfect() between them, "
+    found += f"or spread the parts over MPI ranks of {machines} machines like this one"
+    if not suits:
+        nonlinear = [n for n in kept if not problem.interfaces[n].law.superposes]
+        why = f"the laws of {', '.join(map(repr, nonlinear[:3]))} are nonlinear" if nonlinear else (
+            "the stiffness of a part varies"
+        )
+        found += f"; backend='multigrid', about {shown(cost.multigrid, 'B')}, does not suit: {why}"
+    return found
 
 
 _SURE = 1.5

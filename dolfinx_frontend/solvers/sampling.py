@@ -30,6 +30,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.fingerprint import fingerprint
+from dolfinx_frontend.kernel.fitting import solver_of, walked
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks, points_shown
 from dolfinx_frontend.kernel.solver import Solver
@@ -155,7 +156,7 @@ def sample(
             times=times,
         )
         began = perf_counter()
-        solver = Solver(problem, plan)
+        solver = solver_of(problem, plan)
     return sample_on(
         solver,
         random,
@@ -273,8 +274,8 @@ def sample_on(
     began = perf_counter()
     shown = points_shown("samples", len(points), progress, problem, ranks)
     with Interrupt() as interrupt, shown as step:
-        swept = solver.walk(
-            solver.laws,
+        solver, swept = walked(
+            solver,
             plan.amplitudes,
             parameters,
             short_steps(points),

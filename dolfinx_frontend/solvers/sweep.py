@@ -32,6 +32,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.kernel.fingerprint import fingerprint
+from dolfinx_frontend.kernel.fitting import solver_of, walked
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.spread import agreed_over, point_ranks, points_shown
 from dolfinx_frontend.kernel.solver import Solver
@@ -273,7 +274,7 @@ def sweep(
     with agreed_over(ranks):
         plan, axes, parameters = planned(problem, grid, method, plan, settings)
         began = perf_counter()
-        solver = Solver(problem, plan)
+        solver = solver_of(problem, plan, parameters)
         setup = perf_counter() - began
         header = None
         if file is not None or ranks is not None:
@@ -294,8 +295,8 @@ def sweep(
 
     shown = points_shown("sweep", len(order), progress, problem, ranks)
     with Interrupt() as interrupt, shown as step:
-        points = solver.walk(
-            solver.laws,
+        solver, points = walked(
+            solver,
             plan.amplitudes,
             parameters,
             order,

@@ -3,18 +3,22 @@ refusals."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from latin_core import NumericalError
+from mpi4py import MPI
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend import (
+    Amplitude,
     Chaos,
     Contact,
     Elastic,
     LinearElastic,
+    LogNormal,
     Normal,
     Options,
     Perfect,
@@ -112,19 +116,136 @@ def test_options_of_petsc_go_first() -> None:
     assert found.solver.space.bodies.multigrid.pc.getType() == "icc"
 
 
-def test_what_a_basis_for_one_answer_does_not_have() -> None:
-    problem = blocks(ELASTIC)
-    grid = {"joint.normal": [4e3, 5e3]}
-    with pytest.raises(SceneError, match="'multigrid' solves one linear run"):
-        sweep(problem, grid, options=MULTIGRID)
+def of_points(problem: Problem, exact: Any, found: Any) -> np.ndarray:
+    """Errors (points,) in the energy norm of the parts."""
+    pairs = [(found.point(*at), exact.point(*at)) for at in np.ndindex(*exact.shape)]
+    errors = [
+        reference.energy_error(problem, one.displacements, other.displacements, springs=False)
+        for one, other in pairs
+    ]
+    return np.array(errors)
+
+
+GRID = {
+    ("joint.normal", "joint.tangential"): np.geomspace(1e2, 1e6, 7),
+    "ground.normal": [1e4, 2e4, 8e4],
+}
+
+
+@pytest.mark.parametrize(("degree", "cell"), [(2, "hexahedron"), (1, "tetrahedron")])
+def test_a_sweep_over_four_decades(degree: int, cell: str, tmp_path: Path) -> None:
+    """Every point is answered, with an error that is said and not larger; an interrupted sweep goes on."""
+    problem = blocks(ELASTIC, degree, cell, 2)
+    exact = sweep(problem, GRID, options=Options(rtol=1e-10), keep_states=True)
+    rtol = 1e-5
+    options = MULTIGRID.with_(rtol=rtol)
+    found = sweep(problem, GRID, options=options, keep_states=True)
+    assert found.complete and np.all(found.converged) and np.nanmax(found.error) <= rtol
+    errors = of_points(problem, exact, found)
+    assert np.all(errors <= found.error.ravel()) and errors.max() > 0.0
+    assert np.nanmax(np.abs(found.force("joint") - exact.force("joint"))) <= 1e-3 * np.abs(
+        exact.force("joint")
+    ).max()
+
+    calls: list[int] = []
+    sweep(problem, GRID, options=options, callback=lambda iteration: calls.append(1))
+    total = len(calls)
+    calls.clear()
+
+    def stop(iteration: Any) -> None:
+        calls.append(1)
+        if len(calls) > total - 8:
+            raise StopIteration
+
+    file = tmp_path / "sweep.h5"
+    part = sweep(problem, GRID, options=options, checkpoint=file, callback=stop)
+    assert not part.complete and part.finished.any()
+    whole = sweep(problem, GRID, options=options, checkpoint=file)
+    assert whole.complete and np.nanmax(whole.error) <= rtol
+    size = np.abs(found.force("joint")).max()
+    assert np.abs(whole.force("joint") - found.force("joint")).max() <= 1e-3 * size
+
+
+def random_blocks() -> Problem:
+    normal, tangential = LogNormal("n", 5e3, cov=0.5), LogNormal("t", 2e3, cov=0.3)
+    return blocks(Elastic(normal=normal, tangential=tangential, jump=(0.01, 0.0, 0.0)), cells=2)
+
+
+def test_samples() -> None:
+    """Alone, and on the basis of a chaos."""
+    problem = random_blocks()
+    exact = monte_carlo(problem, 300, seed=3, options=Options(rtol=1e-10), keep_states=True)
+    options = MULTIGRID.with_(rtol=1e-3)
+    found = monte_carlo(problem, 300, seed=3, options=options, keep_states=True)
+    assert np.all(found.converged) and np.nanmax(found.error) <= 1e-3
+    assert np.all(of_points(problem, exact, found) <= found.error)
+    assert found.scatter_error <= 1e-3
+    deviation = exact.deviation("b1")
+    size = np.abs(deviation).max()
+    assert np.abs(found.deviation("b1") - deviation).max() <= 1e-3 * size
+    chaos = solve(problem, chaos=Chaos(2, check_points=0), options=options)
+    again = chaos.sample(exact.germs)
+    assert np.all(again.converged)
+    size = np.abs(exact.force("joint")).max()
+    assert np.abs(again.force("joint") - exact.force("joint")).max() <= 1e-3 * size
+
+
+def test_a_function() -> None:
+    problem = random_blocks()
+    exact = problem.function("joint", ["n", "t"], options=Options(rtol=1e-10))
+    found = problem.function("joint", ["n", "t"], options=MULTIGRID)
+    x = exact.nominal * np.array([[0.2, 1.0], [1.0, 1.0], [5.0, 0.3]])
+    assert np.abs(found(x) - exact(x)).max() <= 1e-4 * np.abs(exact(x)).max()
+    slopes = exact.gradient(x[0])
+    assert np.abs(found.gradient(x[0]) - slopes).max(axis=-1) <= 1e-4 * np.abs(slopes).max()
+
+
+def test_a_history_with_a_sweep() -> None:
+    """Steps of a load that changes in time, at every point."""
+    scene = Scene()
+    for k in range(2):
+        box = geometry.box((10.0, 10.0, 10.0), (2, 2, 2), origin=(10.0 * k, 0.0, 0.0), cell="hexahedron")
+        scene.substructure(f"b{k}", box, LinearElastic(E=200e3, nu=0.3), degree=2)
+    scene.fix("b0:x0")
+    scene.interface("joint", "b0:x1", "b1:x0", Elastic(normal=5e3, tangential=2e3))
+    times = np.array([1.0, 2.0, 3.0])
+    scene.pressure("b1:x1", Amplitude(times, [1.0, -2.0, 0.5]) * 10.0)
+    scene.traction("b1:z1", (0.0, 0.0, 1.0))
+    problem = assemble(scene)
+    grid = {"joint.normal": [1e3, 1e4, 1e5]}
+    exact = sweep(problem, grid, options=Options(rtol=1e-10), times=times)
+    found = sweep(problem, grid, options=MULTIGRID, times=times)
+    assert np.all(found.converged)
+    size = np.abs(exact.jump("joint")).max()
+    assert np.abs(found.jump("joint") - exact.jump("joint")).max() <= 1e-4 * size
+
+
+def test_what_a_basis_does_not_have() -> None:
+    problem = blocks(ELASTIC, cells=2)
     with pytest.raises(SceneError, match="'joint': its law is nonlinear, and backend 'multigrid'"):
         solve(blocks(Contact()), options=MULTIGRID)
-    random = blocks(Elastic(normal=Normal("n", 5e3, cov=0.2), tangential=2e3))
-    with pytest.raises(SceneError, match="'multigrid' solves one linear run"):
-        monte_carlo(random, 10, options=MULTIGRID)
+    with pytest.raises(SceneError, match="leave points_comm out"):
+        sweep(problem, {"joint.normal": [4e3, 5e3]}, options=MULTIGRID, points_comm=MPI.COMM_WORLD)
     found = solve(problem, options=MULTIGRID)
     with pytest.raises(SceneError, match="has a basis for one answer"):
         found.solver.response_to({})
+
+
+@pytest.mark.parametrize(("size", "cells"), [((75.0, 75.0, 1.0), (6, 6, 1)), ((70.0, 1.0, 1.0), (10, 1, 1))])
+def test_thin_cells(size: tuple[float, float, float], cells: tuple[int, int, int]) -> None:
+    """Which linear shape functions cannot bend: all their unknowns are on the lower level."""
+    scene = Scene()
+    steel = LinearElastic(E=200e3, nu=0.3)
+    scene.substructure("plate", geometry.box(size, cells, cell="hexahedron"), steel, degree=2)
+    block = geometry.box((10.0, size[1], 10.0), (3, 3, 3), origin=(-10.0, 0.0, 0.0), cell="hexahedron")
+    scene.substructure("block", block, steel, degree=2)
+    scene.fix("block:x0")
+    scene.traction("plate:x1", (0.0, 0.0, 1.0))
+    scene.interface("joint", "block:x1", "plate:x0", Elastic(normal=1e5, tangential=1e5), overlap="partial")
+    problem = assemble(scene)
+    exact, found = solve(problem), solve(problem, options=MULTIGRID)
+    assert found.converged
+    assert apart(problem, found.displacements, exact.displacements) <= MULTIGRID.rtol
 
 
 def test_indices_of_64_bits() -> None:

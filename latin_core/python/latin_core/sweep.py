@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +18,23 @@ from latin_core.checkpoint import Checkpoint, CheckpointError, PointFile
 from latin_core.options import Options
 from latin_core.shares import Shares, split
 
-__all__ = ["SweepPoints", "SweptParameter", "sweep"]
+__all__ = ["Solved", "SweepPoints", "SweptParameter", "sweep"]
 
 _PILOTS, _PILOTS_OF_SAMPLES = 4, 16
 """Points that all ranks solve first; the scatter of samples is that of these."""
+_CHECKED, _CHECKED_BYTES = 256, 64e6
+"""Points, and bytes of their states, that are checked together."""
 _log = logging.getLogger(__name__)
 Array = npt.NDArray[np.float64]
+
+
+class Solved(NamedTuple):
+    """A point that was solved, with the laws that hold there."""
+
+    point: int
+    laws: _core.Laws
+    summary: _core.Summary
+    state: _core.State
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,6 +103,8 @@ class SweepPoints:
         (points, 2, rows, columns): s and w of every point, if asked for.
     scatter
         Of samples: scatter of the body, relative to its size, whose errors are the largest relative to it.
+    missed
+        points of this run that a check has refused: they are not kept.
     """
 
     iterations: npt.NDArray[np.int64]
@@ -107,6 +120,7 @@ class SweepPoints:
     worst: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     largest: Array = field(default_factory=lambda: np.zeros(0))
     scatter: float = 1.0
+    missed: list[int] = field(default_factory=list)
 
     def __repr__(self) -> str:
         reached = self.iterations >= 0
@@ -177,12 +191,15 @@ class _Keeper:
     interfaces: Sequence[str]
     outputs: Mapping[str, Callable[[int, Fields], npt.ArrayLike]]
 
-    def finish(
-        self, point: int, summary: _core.Summary, state: _core.State, fields: Fields
-    ) -> dict[str, Any]:
-        """Keep a point that was solved in this run; what it leaves, by name."""
+    def finish(self, solved: Solved, fields: Fields, more: float) -> dict[str, Any]:
+        """Keep a point that was solved in this run; what it leaves, by name.
+
+        `more` is what a check adds to its error.
+        """
+        point, _, summary, state = solved
         _log.debug("point %d: %s after %d iterations", point, summary.status, summary.iterations)
         arrays = self._measured(point, summary, fields)
+        arrays["error"] += more
         self.keep(point, arrays)
         self.result.scatter = summary.scatter
         if self.result.states is not None:
@@ -292,6 +309,8 @@ def sweep(
     outputs: Mapping[str, Callable[[int, Fields], npt.ArrayLike]] | None = None,
     start: Mapping[int, _core.State] | None = None,
     shares: Shares | None = None,
+    before: SweepPoints | None = None,
+    check: Callable[[Sequence[Solved]], Sequence[float]] | None = None,
 ) -> SweepPoints:
     """Solve for every point, each started from the states of its nearest solved neighbours.
 
@@ -329,6 +348,11 @@ def sweep(
         Ranks over which the points are spread; all of them call this alike, have the same structure, and get
         the whole result. `progress` and `callback` are called on the rank that solves; `header` and
         `checkpoint` are those of the first rank.
+    before
+        What an earlier call with the same settings has left; its points are not solved again.
+    check
+        Called with some points that were solved, before any of them is kept; returns what their errors are
+        larger by, NaN for those that are not to be kept. Not with `shares`.
 
     Raises
     ------
@@ -348,7 +372,8 @@ def sweep(
         raise _core.InputError(f"amplitudes: shape (loads, columns) is wanted, got {amplitudes.shape}")
     _check_points("order", order, points)
     _check_points("start", start or (), points)
-    result = _nothing_yet(points, (structure.rows, amplitudes.shape[1]) if keep_states else None)
+    result = before or _nothing_yet(points, (structure.rows, amplitudes.shape[1]) if keep_states else None)
+    result.missed.clear()
     outputs = outputs or {}
     _check_outputs(outputs)
     keeper = _Keeper(result, interfaces if keep_fields else (), outputs)
@@ -365,13 +390,37 @@ def sweep(
                 found[f"{what}:{name}"] = values.T.shape
         return found
 
+    waiting: list[Solved] = []
+    together = max(1, min(_CHECKED, int(_CHECKED_BYTES / (16.0 * structure.rows * amplitudes.shape[1] + 1.0))))
+
     def finished(point: int, laws: _core.Laws, summary: _core.Summary, state: _core.State) -> None:
         if run is not None and run.another_keeps(point):
             result.scatter = summary.scatter
             return
+        solved = Solved(point, laws, summary, state)
+        if check is None:
+            kept(solved, 0.0)
+            return
+        waiting.append(solved)
+        if len(waiting) >= together:
+            checked()
+
+    def checked() -> None:
+        if check is None or not waiting:
+            return
+        some = waiting.copy()
+        waiting.clear()
+        for solved, more in zip(some, check(some), strict=True):
+            if np.isnan(more):
+                result.missed.append(solved.point)
+            else:
+                kept(solved, more)
+
+    def kept(solved: Solved, more: float) -> None:
+        point, laws, summary, state = solved
         read = interfaces if keep_fields or outputs else ()
         fields = {name: structure.local_fields(laws, name, state) for name in read}
-        arrays = keeper.finish(point, summary, state, fields)
+        arrays = keeper.finish(solved, fields, more)
         if file is not None or run is not None:
             arrays |= {"data": state.data, "traces": state.traces}
         if file is not None:
@@ -408,6 +457,7 @@ def sweep(
                     known_points.append(number)
         if shares is None:
             solve([p for p in order if result.iterations[p] < 0], callback=callback)
+            checked()
         else:
             run = _OverRanks(shares, keeper, file)
             few = _PILOTS_OF_SAMPLES if options.scatter else 0 if start else _PILOTS
