@@ -460,14 +460,15 @@ class _Search:
     def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
         """Solved points instead of a chaos: rules that agree with witnesses, pieces of a single germ, or
         calibrated samples."""
-        result = self.result
+        result, seen = self.result, self.seen
         if result.space.dimension <= FEW_GERMS and not isinstance(quantity, Quantile):
-            found = by_rules(result, quantity, self.target, self._each())
+            seen = seen or witnesses(result, quantity, self._each(), complete)
+            found = by_rules(result, quantity, self.target, self._each(), seen)
             if found is None and result.space.dimension == 1 and result.space.germs[0].capacity is None:
                 found = by_panels(result, quantity, self.target, self._each())
             if found is not None:
                 return found
-        made = by_samples(result, quantity, self.target, self._each())
+        made = by_samples(result, quantity, self.target, self._each(), seen)
         self.notes += made[2]
         return made[:2]
 
