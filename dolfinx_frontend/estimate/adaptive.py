@@ -305,7 +305,8 @@ class _Search:
         self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
         curved = bool(result.collocations)
         if quantity is not None:
-            self._resolve(quantity)
+            if not curved:
+                self._resolve(quantity)
             self.quantity, notes = beside_what_acts(self.result, quantity)
             self.notes += notes
             quantity = self.quantity
@@ -485,7 +486,7 @@ class _Search:
         result, quantity, rtol = self.result, self.quantity, self.rtol
         complete(result)
         loose = result.error
-        if quantity is not None and not isinstance(quantity, Resultant):
+        if quantity is not None and (result.collocations or not isinstance(quantity, Resultant)):
             return  # an answer by points
         before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))

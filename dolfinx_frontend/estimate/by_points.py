@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from math import isfinite, log2
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
@@ -107,8 +107,14 @@ FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**20, 2**22
 OF_INTEGRAL = 0.1
 """Error of that, relative to the target."""
 
-MOST_RULE = 2048
-"""Points of a tensor rule at most."""
+FEWER = 8
+"""How many times fewer tell by what fits that have not seen a set differ from the one that has."""
+
+FAR = 3.0
+"""Times the target that an error may be before it is worked out."""
+
+MOST_RULE, MOST_TENSOR = 2048, 160
+"""Points at most of pieces, and of a tensor rule: samples beside a polynomial do with no more."""
 
 
 def of_solved_again(
@@ -134,7 +140,7 @@ def by_rules(
     for points in RULES:
         counts = [points if g.capacity is None else min(points, g.capacity) for g in space.germs]
         rule = space.tensor_gauss(counts)
-        if len(rule.points) > MOST_RULE:
+        if len(rule.points) > MOST_TENSOR:
             return None
         samples = solved(result, rule.points, rule.weights, rtol, quantity)
         complete(samples)
@@ -320,6 +326,7 @@ class _Samples:
         self.names: list[tuple[int, ...]] = []
         self.values = np.zeros(0)
         self.drawn, self.labels, self.each = np.zeros(0), np.zeros(0, dtype=np.int64), 0
+        self._known: dict[Any, tuple[Array, Array]] = {}
 
     def grow(self, each: int) -> SampleResult:
         """Solve what sets of this size have more."""
@@ -396,24 +403,45 @@ class _Samples:
         return _Sampled(weights, value, float(wrong[0]), float(wrong[1]), how)
 
     def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
-        """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these."""
-        basis = self.space.basis(Chaos(order=fit.order))
+        """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these: that of
+        the last one by many points, what the others differ by, which is little, by fewer."""
         count = FIRST_COUNT
         while True:
-            found = []
-            for seed in range(SETS):
-                points, weights = wide_points(self.space, count, 1000 + seed, self.centre)
-                weights = calibrated(self.space, points, weights, most=MOST_BESIDE)
-                sums = 0.0
-                for part in np.array_split(np.arange(count), max(1, count * fit.coefficients.shape[1] // CHUNK)):
-                    values = fit.of_terms(basis.evaluate(points[part]))[:, :SETS]
-                    sums = sums + np.einsum("n,nsk->sk", weights[part], self.quantity.controls(values, *about))
-                found.append(sums)
-            each = np.array(found)
-            doubts = SURE * each.std(axis=0, ddof=1).max(axis=0) / np.sqrt(SETS)
+            of_all = self._integrals(fit, about, count, slice(SETS, None))
+            doubts = SURE * of_all.std(axis=0, ddof=1)[0] / np.sqrt(SETS)
             if doubts.max() <= OF_INTEGRAL * target or count * SETS >= MOST_COUNT:
-                return each.mean(axis=0), doubts
+                break
             count *= 4
+        every = self._integrals(fit, about, max(count // FEWER, FIRST_COUNT), slice(None))
+        beside = every[:, :-1] - every[:, -1:]
+        doubts = doubts + SURE * beside.std(axis=0, ddof=1).max(axis=0) / np.sqrt(SETS)
+        return of_all.mean(axis=0) + beside.mean(axis=0), doubts
+
+    def _integrals(self, fit: Hinged, about: tuple[float, float], count: int, which: slice) -> Array:
+        """Means (SETS, fits, k) of the controls of some fits over as many sets of this many points."""
+        basis = self.space.basis(Chaos(order=fit.order))
+        parts = np.array_split(np.arange(count), max(1, count * len(basis.indices.table) // CHUNK))
+        found = []
+        for seed in range(SETS):
+            points, weights = self._many(count, seed)
+            sums = 0.0
+            for part in parts:
+                values = fit.of_terms(basis.evaluate(points[part]), which)
+                sums = sums + np.einsum("n,nsk->sk", weights[part], self.quantity.controls(values, *about))
+            found.append(sums)
+        return np.array(found)
+
+    def _many(self, count: int, seed: int) -> tuple[Array, Array]:
+        """Points of one of the sets by which what stands for the quantity is integrated, and their weights."""
+        key = count, seed, None if self.centre is None else tuple(self.centre)
+        if key not in self._known:
+            points, weights = wide_points(self.space, count, 1000 + seed, self.centre)
+            self._known[key] = points, calibrated(self.space, points, weights, most=MOST_BESIDE)
+        return self._known[key]
+
+    def about_to_lack(self, fit: Hinged) -> float:
+        """About how large the error of the mean will be."""
+        return SURE * fit.rest / float(np.sqrt(len(self.values)))
 
     def weighted(self, said: _Sampled) -> SampleResult:
         """The points with their weights."""
@@ -475,8 +503,14 @@ def by_samples(
         if not nothing and (relative > 0.6 * target or judged):
             fit = drawn.fit()
         if fit is not None and relative > 0.6 * target:
-            said = drawn.less(fit, target)
-            relative = relative_of(said)
+            size, whole = sizes(said.value)
+            about = drawn.about_to_lack(fit)
+            ahead = min(share_of(about, size), share_of(about, whole))
+            if ahead <= FAR * target or each * SETS >= most:
+                said = drawn.less(fit, target)
+                relative = relative_of(said)
+            else:
+                relative = min(relative, ahead)
         if relative <= 0.6 * target and judged and fit is not None:
             if seen is None:
                 seen = far_out(result, quantity, drawn.rtol, complete)

@@ -33,7 +33,7 @@ __all__ = ["Hinged", "hinged", "sides_of"]
 
 MOST_HINGES = 3
 
-MOST_DEGREE, MOST_TERMS = 8, 300
+MOST_DEGREE, MOST_TERMS = 8, 500
 """Highest degree, and most coefficients."""
 
 PER_TERM = 1.6
@@ -51,7 +51,10 @@ LEVELS = (0.05, 0.2, 0.4, 0.6, 0.8, 0.95)
 SEARCHED = 2
 """Degree of the polynomials that look for kinks."""
 
-WORSE = 20.0
+FEW, AGAIN = 1024, 3
+"""Points at most that look for kinks, and fits to all of them from there."""
+
+WORSE = 5.0
 """Residual, relative to the best, above which a degree more is not tried."""
 
 BEYOND = 0.5
@@ -85,10 +88,10 @@ class Hinged(NamedTuple):
         """Values (n, sets + 1) at points (n, L) of the germs."""
         return self.of_terms(space.basis(Chaos(order=self.order)).evaluate(points))
 
-    def of_terms(self, psi: Array) -> Array:
-        """Values (n, sets + 1) from the basis (n, terms)."""
-        out = psi @ self.coefficients[0]
-        for sign, each in zip(self.signs, self.coefficients[1:], strict=True):
+    def of_terms(self, psi: Array, which: slice = slice(None)) -> Array:
+        """Values (n, sets + 1) from the basis (n, terms), or those of some sets."""
+        out = psi @ self.coefficients[0, :, which]
+        for sign, each in zip(self.signs, self.coefficients[1:, :, which], strict=True):
             out += sign * np.maximum(sign * (psi @ each), 0.0)
         return np.clip(out, *self.range, out=out)
 
@@ -96,8 +99,12 @@ class Hinged(NamedTuple):
 class _Fit(NamedTuple):
     """A fit to all points."""
 
-    inside: list[Flags]  # (n,) each: on the side of a hinge
+    hinges: Array  # (hinges, terms): positive on the side of a hinge
     rest: float  # what it would leave of points that it has not seen, by its number of coefficients
+
+    def sides(self, psi: Array) -> list[Flags]:
+        """Points (n,) each on the side of a hinge."""
+        return [psi @ each > 0.0 for each in self.hinges]
 
 
 class _Terms(NamedTuple):
@@ -152,11 +159,11 @@ def _signs(terms: _Terms, inside: Sequence[Flags], pieces: Array) -> Array:
     return np.where(np.array(tops) >= 0.0, 1.0, -1.0)
 
 
-def _fitted(terms: _Terms, inside: list[Flags], order: int) -> _Fit | None:
+def _fitted(terms: _Terms, inside: Sequence[Flags], order: int, steps: int = STEPS) -> _Fit | None:
     """Least squares and sides in turn; the best that was met."""
     best: _Fit | None = None
     known: set[bytes] = set()
-    for _ in range(STEPS if inside else 1):
+    for _ in range(steps if inside else 1):
         used = terms.used(inside, order)
         if used is None:
             break
@@ -167,15 +174,16 @@ def _fitted(terms: _Terms, inside: list[Flags], order: int) -> _Fit | None:
             break
         pieces = terms.spread(found[:, None], used)[:, :, 0]
         signs = _signs(terms, inside, pieces)
-        at = [sign * (terms.psi @ piece) for sign, piece in zip(signs, pieces[1:], strict=True)]
+        hinges = signs[:, None] * pieces[1:]
+        at = [terms.psi @ each for each in hinges]
         own = terms.psi @ pieces[0]
         for sign, each in zip(signs, at, strict=True):
             own = own + sign * np.maximum(each, 0.0)
         rest = float(np.sqrt(terms.weights @ (terms.values - own) ** 2))
         rest /= 1.0 - design.shape[1] / len(design)
-        inside = [each > 0.0 for each in at]
         if best is None or rest < best.rest:
-            best = _Fit(inside, rest)
+            best = _Fit(hinges, rest)
+        inside = [each > 0.0 for each in at]
         key = np.concatenate([np.zeros(0, dtype=bool), *inside]).tobytes()
         if key in known:
             break
@@ -212,12 +220,14 @@ def _cuts(terms: _Terms) -> list[Flags]:
     return [along > along[ranked[min(int(np.searchsorted(below, s)), len(ranked) - 1)]] for s in LEVELS]
 
 
-def _kinks(terms: _Terms, sides: Sequence[Flags]) -> list[list[Flags]]:
-    """Sides of no hinge, of the best one, of it and the one that helps most beside it, and so on."""
-    inside: list[Flags] = []
-    out = [inside]
+def _kinks(terms: _Terms, sides: Sequence[Flags]) -> list[Array]:
+    """Hinges (hinges, terms): none, the best one, that and the one that helps most beside it, and so on."""
     plain = _fitted(terms, [], SEARCHED)
-    best = plain.rest if plain is not None else np.inf
+    out = [np.zeros((0, terms.psi.shape[1]))]
+    if plain is None:
+        return out
+    inside: list[Flags] = []
+    best = plain.rest
     tried = {each.tobytes(): each for each in [*sides, *_cuts(terms)]}
     every = [other for each in tried.values() for other in (each, ~each) if 0 < other.sum() < len(other)]
     while len(inside) < MOST_HINGES:
@@ -225,8 +235,8 @@ def _kinks(terms: _Terms, sides: Sequence[Flags]) -> list[list[Flags]]:
         chosen = min((each for each in fits if each is not None), key=lambda each: each.rest, default=None)
         if chosen is None or not chosen.rest < BETTER * best:
             break
-        inside, best = chosen.inside, chosen.rest
-        out.append(inside)
+        inside, best = chosen.sides(terms.psi), chosen.rest
+        out.append(chosen.hinges)
     return out
 
 
@@ -265,17 +275,20 @@ def hinged(
         if not np.all(np.isfinite(terms.psi)):
             break
         if order <= SEARCHED:
-            ways = _kinks(terms, [*sides, *(each for way in ways for each in way)])
+            few = _Terms(terms.psi[:FEW], degrees, weights[:FEW] / weights[:FEW].sum(), scaled[:FEW])
+            known = (each[:FEW] for way in ways for each in way)
+            ways = [[terms.psi @ h > 0.0 for h in way] for way in _kinks(few, [*(s[:FEW] for s in sides), *known])]
         going = []
         for way in ways:
-            fit = _fitted(terms, way, order)
-            found = None if fit is None else _without_each(terms, fit.inside, order, labels, sets, span)
-            if fit is None or found is None:
+            fit = _fitted(terms, way, order, AGAIN)
+            inside = [] if fit is None else fit.sides(terms.psi)
+            found = None if fit is None else _without_each(terms, inside, order, labels, sets, span)
+            if found is None:
                 continue
             if best is None or found.rest < best.rest:
                 best = found
             if found.rest <= WORSE * best.rest:
-                going.append(fit.inside)
+                going.append(inside)
         ways = going
         if not ways:
             break
