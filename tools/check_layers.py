@@ -185,6 +185,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "mesh_error",
         "errors",
         "points",
+        "hinges",
         "by_points",
         "adaptive",
         "levels",

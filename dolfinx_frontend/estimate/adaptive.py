@@ -305,7 +305,8 @@ class _Search:
         self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
         curved = bool(result.collocations)
         if quantity is not None:
-            self._resolve(quantity)
+            if not curved:
+                self._resolve(quantity)
             self.quantity, notes = beside_what_acts(self.result, quantity)
             self.notes += notes
             quantity = self.quantity
@@ -460,14 +461,15 @@ class _Search:
     def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
         """Solved points instead of a chaos: rules that agree with witnesses, pieces of a single germ, or
         calibrated samples."""
-        result = self.result
+        result, seen = self.result, self.seen
         if result.space.dimension <= FEW_GERMS and not isinstance(quantity, Quantile):
-            found = by_rules(result, quantity, self.target, self._each())
+            seen = seen or witnesses(result, quantity, self._each(), complete)
+            found = by_rules(result, quantity, self.target, self._each(), seen)
             if found is None and result.space.dimension == 1 and result.space.germs[0].capacity is None:
                 found = by_panels(result, quantity, self.target, self._each())
             if found is not None:
                 return found
-        made = by_samples(result, quantity, self.target, self._each())
+        made = by_samples(result, quantity, self.target, self._each(), seen)
         self.notes += made[2]
         return made[:2]
 
@@ -484,7 +486,7 @@ class _Search:
         result, quantity, rtol = self.result, self.quantity, self.rtol
         complete(result)
         loose = result.error
-        if quantity is not None and not isinstance(quantity, Resultant):
+        if quantity is not None and (result.collocations or not isinstance(quantity, Resultant)):
             return  # an answer by points
         before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from math import isfinite, log2
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.estimate.errors import (
     FINEST,
     change_of,
@@ -17,13 +18,19 @@ from dolfinx_frontend.estimate.errors import (
     size_of,
     whole_of,
 )
+from dolfinx_frontend.estimate.hinges import Hinged, hinged, sides_of
 from dolfinx_frontend.estimate.points import (
     FIRST_PANELS,
     POINTS,
+    SAFE,
     SETS,
+    SURE,
     Panel,
+    Witnesses,
     calibrated,
     checked_cold,
+    far_out,
+    joined,
     kinks_at_ends,
     misfit,
     misfit_of_halves,
@@ -32,14 +39,15 @@ from dolfinx_frontend.estimate.points import (
     solved,
     surrogate,
     wide_points,
-    witnesses,
 )
 from dolfinx_frontend.plan.price import Way, price, speed
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
-from dolfinx_frontend.results.resultant import Wanted
+from dolfinx_frontend.results.resultant import Quantile, Wanted
 from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["SLOWEST", "by_panels", "by_rules", "by_samples"]
 
@@ -80,8 +88,33 @@ AT_KINK = 0.15
 """Error of the sum over a piece with a kink, relative to how far its polynomial is off: four points, measured
 for kinks everywhere in the piece."""
 
-MOST_RULE = 2048
-"""Points of a tensor rule at most."""
+MOST_BESIDE = 2
+"""Degree of the polynomials that are integrated exactly beside what stands for a quantity."""
+
+WORTH = 0.9
+"""Share of the deviation that is left beside it at most."""
+
+SEEN_TO = 0.05
+"""Accuracy from which on points far out judge, too."""
+
+FAR_AWAY, FAR_OUT = 1.0, 1e-3
+"""Normal score of what the deviation comes from beyond which it is drawn on its own, and share of the variance
+that a point far out lacks of it to be taken for that."""
+
+FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**20, 2**22
+"""Points of a set and of all sets by which what stands for a quantity is integrated, and numbers at a time."""
+
+OF_INTEGRAL = 0.1
+"""Error of that, relative to the target."""
+
+FEWER = 8
+"""How many times fewer tell by what fits that have not seen a set differ from the one that has."""
+
+FAR = 3.0
+"""Times the target that an error may be before it is worked out."""
+
+MOST_RULE, MOST_TENSOR = 2048, 160
+"""Points at most of pieces, and of a tensor rule: samples beside a polynomial do with no more."""
 
 
 def of_solved_again(
@@ -98,17 +131,16 @@ def of_solved_again(
 
 
 def by_rules(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float
+    result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses
 ) -> tuple[SampleResult, Errors] | None:
     """Tensor Gauss rules of rising order, which witnesses must agree with; None: they do not in time."""
     space = result.space
     before: MeanStd | None = None
     changes: list[float] = []
-    seen = witnesses(result, quantity, rtol, complete)
     for points in RULES:
         counts = [points if g.capacity is None else min(points, g.capacity) for g in space.germs]
         rule = space.tensor_gauss(counts)
-        if len(rule.points) > MOST_RULE:
+        if len(rule.points) > MOST_TENSOR:
             return None
         samples = solved(result, rule.points, rule.weights, rtol, quantity)
         complete(samples)
@@ -148,7 +180,8 @@ def by_rules(
                 return samples, replace(
                     made, next_halving=f"{more} points per germ, {count} solves, about {seconds:.2g} s"
                 )
-            if kinked > 5.0 * target * whole and points >= 7:
+            enough = 7 if space.dimension == 1 else 5
+            if kinked > 5.0 * target * whole and points >= enough:
                 return None  # a kink: more points would not do
         before = value
     return None
@@ -259,56 +292,269 @@ def _most_samples(result: ChaosResult) -> int:
     return MOST_SAMPLES
 
 
+def _drawn(
+    space: RandomSpace, each: int, centre: Array | None
+) -> tuple[Array, Array, Ints, list[tuple[int, ...]]]:
+    """Points (n, L), weights (n,), numbers of the sets (n,) and names of the points, the same ones in larger
+    sets of the same germs."""
+    sets = [wide_points(space, each, seed, centre) for seed in range(SETS)]
+    counts = [each // 2, each // 2] if centre is None else [each // 2, each // 4, each // 4]
+    names = [(k, kind, i) for k in range(SETS) for kind, count in enumerate(counts) for i in range(count)]
+    points = np.concatenate([p for p, _ in sets])
+    weights = np.concatenate([w / w.sum() for _, w in sets]) / SETS
+    return points, weights, np.repeat(np.arange(SETS), each), names
+
+
+class _Sampled(NamedTuple):
+    """What samples say."""
+
+    weights: Array  # (n,) of sum 1
+    value: MeanStd
+    mean: float
+    std: float  # errors of both
+    how: str
+
+
+class _Samples:
+    """Sets of samples of a quantity, which grow."""
+
+    def __init__(self, result: ChaosResult, quantity: Wanted, rtol: float) -> None:
+        self.result, self.quantity, self.rtol = result, quantity, rtol
+        self.space = result.space
+        self.centre: Array | None = None
+        self.samples: SampleResult | None = None
+        self.names: list[tuple[int, ...]] = []
+        self.values = np.zeros(0)
+        self.drawn, self.labels, self.each = np.zeros(0), np.zeros(0, dtype=np.int64), 0
+        self._known: dict[Any, tuple[Array, Array]] = {}
+
+    def grow(self, each: int) -> SampleResult:
+        """Solve what sets of this size have more."""
+        points, weights, labels, names = _drawn(self.space, each, self.centre)
+        place = {name: k for k, name in enumerate(names)}
+        known = set(self.names)
+        new = [name for name in names if name not in known]
+        if new:
+            at = [place[name] for name in new]
+            more = solved(self.result, points[at], np.ones(len(at)), self.rtol, self.quantity)
+            complete(more)
+            found = self.quantity.at_end(more, more)
+            self.samples = more if self.samples is None else joined(self.samples, more)
+            self.values = np.concatenate([self.values, found])
+            self.names += new
+        order = [place[name] for name in self.names]
+        self.drawn, self.labels, self.each = weights[order], labels[order], each
+        assert self.samples is not None
+        return self.samples
+
+    def tighten(self, rtol: float) -> None:
+        """Solve all again."""
+        self.rtol, self.samples, self.names, self.values = rtol, None, [], np.zeros(0)
+        self.grow(self.each)
+
+    def plain(self) -> _Sampled:
+        """As they are, polynomials of low degree being exact."""
+        assert self.samples is not None
+        weights = np.empty_like(self.drawn)
+        for k in range(SETS):
+            own = self.labels == k
+            weights[own] = calibrated(self.space, self.samples.germs[own], self.drawn[own]) / SETS
+        value, of_mean, of_std = moments_of_sets(self.quantity, self.values, weights, self.labels)
+        return _Sampled(weights, value, of_mean, of_std, f"{SETS} sets of {self.each} samples")
+
+    def fit(self) -> Hinged | None:
+        """What stands for the quantity."""
+        assert self.samples is not None
+        germs, sides = self.samples.germs, sides_of(self.samples)
+        found = hinged(self.space, germs, self.drawn, self.labels, self.values, sides)
+        return found if found is not None and found.rest < WORTH * self._spread() else None
+
+    def _spread(self) -> float:
+        mean = self.drawn @ self.values
+        return float(np.sqrt(self.drawn @ (self.values - mean) ** 2))
+
+    def less(self, fit: Hinged, target: float) -> _Sampled:
+        """With what stands for the quantity as exact as polynomials are: its expectation is that of many
+        points, and sets that it has not seen tell what it lacks."""
+        assert self.samples is not None
+        quantity, germs = self.quantity, self.samples.germs
+        about = float(self.drawn @ self.values), self._spread()
+        if isinstance(quantity, Quantile):
+            about = quantity.statistic(self.values, self.drawn)[0], about[1]
+        unseen = fit(self.space, germs)[np.arange(len(self.labels)), self.labels]
+        controls = quantity.controls(unseen, *about)
+        means, doubts = self._expected(fit, about, target)
+        lacks = quantity.controls(self.values, *about) - controls
+        own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
+        weights = calibrated(self.space, germs, self.drawn, (controls, means.mean(axis=0)), MOST_BESIDE)
+        value = MeanStd(*quantity.statistic(self.values, weights))
+        kinks = len(fit.signs)
+        beside = f"a polynomial of degree {fit.order}" + (f" with {kinks} kink(s)" if kinks else "")
+        how = f"{SETS} sets of {self.each} samples beside {beside}"
+        if isinstance(quantity, Quantile):
+            of_level = SURE * float(own.std(ddof=1)) / np.sqrt(SETS) + doubts[0] + 0.5 / len(germs)
+            levels = [min(max(quantity.level + d, 1e-12), 1.0 - 1e-12) for d in (-of_level, of_level)]
+            ends = [replace(quantity, level=level).statistic(self.values, weights)[0] for level in levels]
+            return _Sampled(weights, value, max(abs(end - value.mean) for end in ends), 0.0, how)
+        squares = np.maximum(own[:, 1] - own[:, 0] ** 2, 0.0)
+        each = np.column_stack([about[0] + about[1] * own[:, 0], about[1] * np.sqrt(squares)])
+        wrong = SURE * each.std(axis=0, ddof=1) / np.sqrt(SETS) + about[1] * np.array([1.0, 0.5]) * doubts
+        wrong += np.abs(each.mean(axis=0) - [value.mean, value.std or 0.0])
+        return _Sampled(weights, value, float(wrong[0]), float(wrong[1]), how)
+
+    def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
+        """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these: that of
+        the last one by many points, what the others differ by, which is little, by fewer."""
+        count = FIRST_COUNT
+        while True:
+            of_all = self._integrals(fit, about, count, slice(SETS, None))
+            doubts = SURE * of_all.std(axis=0, ddof=1)[0] / np.sqrt(SETS)
+            if doubts.max() <= OF_INTEGRAL * target or count * SETS >= MOST_COUNT:
+                break
+            count *= 4
+        every = self._integrals(fit, about, max(count // FEWER, FIRST_COUNT), slice(None))
+        beside = every[:, :-1] - every[:, -1:]
+        doubts = doubts + SURE * beside.std(axis=0, ddof=1).max(axis=0) / np.sqrt(SETS)
+        return of_all.mean(axis=0) + beside.mean(axis=0), doubts
+
+    def _integrals(self, fit: Hinged, about: tuple[float, float], count: int, which: slice) -> Array:
+        """Means (SETS, fits, k) of the controls of some fits over as many sets of this many points."""
+        basis = self.space.basis(Chaos(order=fit.order))
+        parts = np.array_split(np.arange(count), max(1, count * len(basis.indices.table) // CHUNK))
+        found = []
+        for seed in range(SETS):
+            points, weights = self._many(count, seed)
+            sums = 0.0
+            for part in parts:
+                values = fit.of_terms(basis.evaluate(points[part]), which)
+                sums = sums + np.einsum("n,nsk->sk", weights[part], self.quantity.controls(values, *about))
+            found.append(sums)
+        return np.array(found)
+
+    def _many(self, count: int, seed: int) -> tuple[Array, Array]:
+        """Points of one of the sets by which what stands for the quantity is integrated, and their weights."""
+        key = count, seed, None if self.centre is None else tuple(self.centre)
+        if key not in self._known:
+            points, weights = wide_points(self.space, count, 1000 + seed, self.centre)
+            self._known[key] = points, calibrated(self.space, points, weights, most=MOST_BESIDE)
+        return self._known[key]
+
+    def about_to_lack(self, fit: Hinged) -> float:
+        """About how large the error of the mean will be."""
+        return SURE * fit.rest / float(np.sqrt(len(self.values)))
+
+    def weighted(self, said: _Sampled) -> SampleResult:
+        """The points with their weights."""
+        assert self.samples is not None
+        return replace(self.samples, weights=said.weights)
+
+    def checked(self, said: _Sampled, fit: Hinged | None) -> float:
+        """How much points differ that are solved again, those among them that stand out."""
+        samples = self.weighted(said)
+        apart = None if fit is None else self.values - fit(self.space, samples.germs)[:, -1]
+        return checked_cold(self.result, samples, self.quantity, self.values, apart)
+
+    def far(self, seen: Witnesses, fit: Hinged, value: MeanStd) -> MeanStd:
+        """What points far out lack of what stands for the quantity: errors of mean and deviation."""
+        rest = seen.values - fit(self.space, seen.points)[:, -1]
+        size = float(np.sqrt(seen.tails @ rest**2))
+        std = value.std or 0.0
+        if not std > 0.0:
+            return MeanStd(0.0, 0.0)
+        return MeanStd(0.5 * size * min(size / std, 1.0), SAFE * (float(np.sqrt(std**2 + size**2)) - std))
+
+    def look_far(self, seen: Witnesses | None, fit: Hinged | None) -> None:
+        """Draw where the deviation comes from, if that is far out."""
+        if self.centre is not None or self.samples is None or not self._spread() > 0.0:
+            return
+        z = self.space.to_normal(self.samples.germs)
+        share = self.drawn * (self.values - self.drawn @ self.values) ** 2
+        middle = share @ z / share.sum()
+        if seen is not None and fit is not None and len(seen.points):
+            rest = seen.tails * (seen.values - fit(self.space, seen.points)[:, -1]) ** 2
+            if rest.max() > FAR_OUT * share.sum():
+                middle = self.space.to_normal(seen.points[[int(np.argmax(rest))]])[0]
+        if float(np.linalg.norm(middle)) > FAR_AWAY:
+            self.centre = middle
+
+
 def by_samples(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float
+    result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses | None = None
 ) -> tuple[SampleResult, Errors, tuple[str, ...]]:
-    """Calibrated samples, as many as their sets ask for."""
+    """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity."""
     each, most = LEAST_SAMPLES, _most_samples(result)
     notes: tuple[str, ...] = ()
-    space = result.space
+    drawn = _Samples(result, quantity, rtol)
+    judged = not isinstance(quantity, Quantile) and target < SEEN_TO
     while True:
-        sets = [wide_points(space, each, seed) for seed in range(SETS)]
-        points = np.concatenate([p for p, _ in sets])
-        weights = np.concatenate([calibrated(space, p, w) for p, w in sets]) / SETS
-        samples = solved(result, points, weights, rtol, quantity)
-        complete(samples)
-        values = quantity.at_end(samples, samples)
-        value, of_mean, of_std = moments_of_sets(quantity, values, weights, SETS)
-        size = size_of(value, quantity)
-        whole = whole_of(value, min(rtol, 1e-10), quantity) or size
-        nothing = value.mean == 0.0 and not value.std
-        relative = np.inf if nothing else max(share_of(of_mean, size), share_of(of_std, whole))
+        drawn.grow(each)
+        said, fit = drawn.plain(), None
+
+        def sizes(value: MeanStd) -> tuple[float, float]:
+            size = size_of(value, quantity)
+            return size, whole_of(value, min(drawn.rtol, 1e-10), quantity) or size
+
+        def relative_of(said: _Sampled) -> float:
+            size, whole = sizes(said.value)
+            return max(share_of(said.mean, size), share_of(said.std, whole))
+
+        nothing = said.value.mean == 0.0 and not said.value.std
+        relative = np.inf if nothing else relative_of(said)
+        if not nothing and (relative > 0.6 * target or judged):
+            fit = drawn.fit()
+        if fit is not None and relative > 0.6 * target:
+            size, whole = sizes(said.value)
+            about = drawn.about_to_lack(fit)
+            ahead = min(share_of(about, size), share_of(about, whole))
+            if ahead <= FAR * target or each * SETS >= most:
+                said = drawn.less(fit, target)
+                relative = relative_of(said)
+            else:
+                relative = min(relative, ahead)
+        if relative <= 0.6 * target and judged and fit is not None:
+            if seen is None:
+                seen = far_out(result, quantity, drawn.rtol, complete)
+            off = drawn.far(seen, fit, said.value)
+            said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
+            relative = relative_of(said)
+        size, whole = sizes(said.value)
         total = each * SETS
         if relative <= 0.6 * target:
-            away = checked_cold(result, samples, quantity, values)
-            off = max(share_of(away, size), share_of(away, whole))
-            if off <= 0.3 * target or rtol <= 1e-10:
+            away = drawn.checked(said, fit)
+            off_all = max(share_of(away, size), share_of(away, whole))
+            if off_all <= 0.3 * target or drawn.rtol <= 1e-10:
                 break
-            rtol = max(0.03 * rtol, FINEST)
+            drawn.tighten(max(0.03 * drawn.rtol, FINEST))
             continue
         # errors of scrambled points fall like 1 / N at best, more slowly where there are kinks
         factor = 2 ** max(1, min(2, round(log2(relative / (0.5 * target))))) if isfinite(relative) else 4
-        known = value.std is not None and share_of(of_std, whole) <= 0.6 * target
-        lost = known and size <= of_mean
+        if fit is not None and relative <= 4.0 * target:
+            factor = 2  # it gets better with its points, too
+        known = said.value.std is not None and share_of(said.std, whole) <= 0.6 * target
+        lost = known and size <= said.mean
         # with kinks errors fall like N^-0.8; more points than usual only where they would do
         hopeless = total >= MOST_SAMPLES and not relative * (total / most) ** 0.8 <= 0.6 * target
         if total >= most or hopeless or (lost and total >= ENOUGH_FOR_ZERO):
-            away = checked_cold(result, samples, quantity, values)
+            away = drawn.checked(said, fit)
             notes = (f"{total} samples: more are left to you, see quasi_monte_carlo",)
             if nothing:
-                notes += ("no sample has met what makes the quantity differ from 0",)
+                notes += (
+                    "no sample has met what makes the quantity differ from 0: what happens so seldom, and how "
+                    "often it does, is found by lf.reliability",
+                )
             elif lost:
                 notes += (
-                    f"the mean {value.mean:.3g} cannot be told from 0 (+- {of_mean:.1g}, the deviation is "
-                    f"{value.std:.3g}): no error is small relative to it; ask for a function that adds what "
-                    "the quantity is to be compared with",
+                    f"the mean {said.value.mean:.3g} cannot be told from 0 (+- {said.mean:.1g}, the deviation "
+                    f"is {said.value.std:.3g}): no error is small relative to it; ask for a function that adds "
+                    "what the quantity is to be compared with",
                 )
             break
+        drawn.look_far(seen, fit)
         each = min(each * factor, most // SETS)
     unseen = np.inf if nothing else None
-    how = f"{SETS} sets of {each} samples"
-    truncation = ErrorShare(np.nan, unseen or of_mean, unseen or of_std, how)
-    made = of_solved_again(samples, away, truncation, quantity, value, whole)
+    truncation = ErrorShare(np.nan, unseen or said.mean, unseen or said.std, said.how)
+    samples = drawn.weighted(said)
+    made = of_solved_again(samples, away, truncation, quantity, said.value, whole)
     seconds = sum(samples.seconds.values())
     halving = f"{2 * total} samples, about {2 * seconds:.2g} s"
     return samples, replace(made, next_halving=halving), notes

@@ -19,9 +19,10 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
+from latin_core import SweepPoints
 from scipy.special import ndtr, ndtri
 
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -43,6 +44,8 @@ __all__ = [
     "Witnesses",
     "calibrated",
     "checked_cold",
+    "far_out",
+    "joined",
     "kinks_at_ends",
     "lost_of_fields",
     "misfit",
@@ -94,42 +97,86 @@ POINTS = 4
 MOST_LINES = 16
 """Most germs that have such witnesses."""
 
+FARTHEST = 8.2
+"""Largest normal score of a point."""
+
+DIFFERENT = 1e-6
+"""Share of a function that is no combination of others, above which it is one of its own."""
+
 
 # --- points -----------------------------------------------------------------------------------------
-def wide_points(space: RandomSpace, count: int, seed: int) -> tuple[Array, Array]:
-    """Points (count, L) of the germs and weights (count,) of mean about 1; half of a power of two each."""
+def wide_points(
+    space: RandomSpace, count: int, seed: int, centre: Array | None = None
+) -> tuple[Array, Array]:
+    """Points (count, L) of the germs and weights (count,) of mean about 1; half of a power of two each.
+
+    `centre`: normal scores (L,) of what happens far out and seldom, where half of the wider ones are then drawn.
+    """
     dimension = space.dimension
-    wide = np.sqrt(1.0 + 3.0 / dimension)
+    nowhere, wide = np.zeros(dimension), np.sqrt(1.0 + 3.0 / dimension)
+    kinds = [(nowhere, 1.0, count // 2), (nowhere, wide, count // 2)]
+    if centre is not None:
+        kinds[1:] = [(nowhere, wide, count // 4), (centre, 1.0, count // 4)]
     tiny = 2.0**-54
     scores = []
-    for kind, scale in enumerate((1.0, wide)):
-        unit = sobol_points(dimension, count // 2, np.random.default_rng([seed, kind]))
-        scores.append(scale * ndtri(np.clip(unit, tiny, 1.0 - tiny)))
+    for kind, (middle, scale, number) in enumerate(kinds):
+        unit = sobol_points(dimension, number, np.random.default_rng([seed, kind]))
+        scores.append(middle + scale * ndtri(np.clip(unit, tiny, 1.0 - tiny)))
     z = np.concatenate(scores)
-    exponent = 0.5 * np.sum(z**2, axis=1) * (1.0 - wide**-2) - dimension * np.log(wide)
-    weights: Array = 2.0 / (1.0 + np.exp(np.minimum(exponent, 700.0)))
-    return space.from_uniform(ndtr(z)), weights
+    own = 0.5 * np.sum(z**2, axis=1)
+    density = np.zeros(len(z))  # of the mixture, over that of the germs
+    for middle, scale, number in kinds:
+        away = own - 0.5 * np.sum((z - middle) ** 2, axis=1) / scale**2 - dimension * np.log(scale)
+        density += number / count * np.exp(np.minimum(away, 700.0))
+    return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), 1.0 / density
 
 
-def calibrated(space: RandomSpace, points: Array, weights: Array) -> Array:
-    """Weights (n,) of sum 1 close to the given ones that integrate polynomials of low degree exactly."""
+def calibrated(
+    space: RandomSpace,
+    points: Array,
+    weights: Array,
+    controls: tuple[Array, Array] | None = None,
+    most: int | None = None,
+) -> Array:
+    """Weights (n,) of sum 1 close to the given ones that integrate polynomials of low degree exactly, and
+    `controls`: functions (n, k) at the points, and their expectations (k,). `most`: highest degree."""
     count, dimension = len(points), space.dimension
     plain = weights / weights.sum()
-    for degree in range(MOST_DEGREE if dimension > 1 else 2 * MOST_DEGREE, 0, -1):
-        if 5 * comb(dimension + degree, degree) > count:
+    if most is None:
+        most = MOST_DEGREE if dimension > 1 else 2 * MOST_DEGREE
+    for degree in range(most, -1 if controls is not None else 0, -1):
+        if 5 * comb(dimension + degree, degree) > count and degree > 0:
             continue
         psi = space.basis(Chaos(order=degree)).evaluate(points)
+        wanted = np.eye(1, psi.shape[1])[0]
+        if controls is not None and np.all(np.isfinite(psi)):
+            psi, wanted = _with_controls(psi, wanted, plain, *controls)
         if not np.all(np.isfinite(psi)):
             continue
         gram = psi.T @ (plain[:, None] * psi)
-        wanted = np.eye(1, len(gram))[0] - psi.T @ plain
         values, vectors = np.linalg.eigh(gram)
         if values[0] < 1e-8 * values[-1]:
             continue
-        factor: Array = 1.0 + psi @ (vectors @ ((vectors.T @ wanted) / values))
+        factor: Array = 1.0 + psi @ (vectors @ ((vectors.T @ (wanted - psi.T @ plain)) / values))
         if factor.min() > -0.5:
             return np.asarray(plain * factor, dtype=np.float64)
     return np.asarray(plain, dtype=np.float64)
+
+
+def _with_controls(
+    psi: Array, wanted: Array, weights: Array, controls: Array, means: Array
+) -> tuple[Array, Array]:
+    """Functions (n, k) and their expectations (k,), with those controls that are not combinations of others."""
+    for control, mean in zip(controls.T, means, strict=True):
+        root = np.sqrt(weights)
+        size = float(np.sqrt(weights @ control**2))
+        line, *_ = np.linalg.lstsq(psi * root[:, None], control * root, rcond=None)
+        rest = control - psi @ line
+        left = float(np.sqrt(weights @ rest**2))
+        if left > DIFFERENT * size:
+            psi = np.column_stack([psi, rest / left])
+            wanted = np.append(wanted, (mean - wanted @ line) / left)
+    return psi, wanted
 
 
 class Panel(NamedTuple):
@@ -206,6 +253,27 @@ def solved(
     )
 
 
+def joined(first: SampleResult, second: SampleResult) -> SampleResult:
+    """The points of both in this order, all with the same weight."""
+    one, other = first.points, second.points
+    count = len(first.germs)
+    merged = SweepPoints(
+        *(np.concatenate([getattr(p, n) for p in (one, other)]) for n in ("iterations", "error", "seconds")),
+        np.concatenate([one.status, other.status]),
+        {name: np.concatenate([each, other.forces[name]]) for name, each in one.forces.items()},
+        {name: np.concatenate([each, other.jumps[name]]) for name, each in one.jumps.items()},
+        {**one.histories, **{count + k: each for k, each in other.histories.items()}},
+        [*one.order, *(count + k for k in other.order)],
+        None if one.states is None or other.states is None else np.concatenate([one.states, other.states]),
+        worst=np.concatenate([one.worst, other.worst]),
+        largest=np.concatenate([one.largest, other.largest]),
+        scatter=min(one.scatter, other.scatter),
+    )
+    seconds = {k: first.seconds[k] + second.seconds[k] for k in first.seconds}
+    germs = np.concatenate([first.germs, second.germs])
+    return replace(first, germs=germs, weights=np.ones(len(germs)), points=merged, seconds=seconds)
+
+
 def _lawful(random: RandomLaws, points: Array) -> Array:
     """Which points make laws: a normal stiffness is negative far out."""
     if not len(points) or random.make_laws(points):
@@ -255,6 +323,20 @@ def witnesses(
     samples = solved(result, points, np.ones(len(points)), rtol, quantity)
     complete(samples)
     return Witnesses(points, weights, tails, quantity.at_end(samples, samples))
+
+
+def far_out(
+    result: ChaosResult, quantity: Wanted, rtol: float, complete: Callable[[SampleResult], None]
+) -> Witnesses:
+    """Those of the witnesses that lie far out along each germ."""
+    lines, shares = _tails(result.space)
+    good = _lawful(result.random, lines)
+    if not good.any():
+        return Witnesses(lines[good], shares[good], shares[good], shares[good])
+    samples = solved(result, lines[good], np.ones(int(good.sum())), rtol, quantity)
+    complete(samples)
+    nothing = np.zeros(int(good.sum()))
+    return Witnesses(lines[good], nothing, shares[good], quantity.at_end(samples, samples))
 
 
 def _tails(space: RandomSpace) -> tuple[Array, Array]:
@@ -311,12 +393,18 @@ def surrogate(
     return lambda at: np.asarray(basis.evaluate(at)[:, inside] @ coefficients)
 
 
-def checked_cold(result: ChaosResult, samples: SampleResult, quantity: Wanted, values: Array) -> float:
+def checked_cold(
+    result: ChaosResult, samples: SampleResult, quantity: Wanted, values: Array, apart: Array | None = None
+) -> float:
     """Root mean square difference of some points to the same points solved again to a hundredth of the
-    tolerance, the most important ones and some others from nothing; NaN: one of these did not converge."""
+    tolerance, the most important ones, those that stand out and some others from nothing; NaN: one of these
+    did not converge. `apart`: (n,) by how much values differ from what their neighbours say."""
     weights = samples.probabilities
     weight = np.abs(weights) * (values - weights @ values) ** 2
     ranked = np.argsort(-weight, kind="stable")
+    if apart is not None:
+        first = np.concatenate([ranked[: CHECKED // 2], np.argsort(-np.abs(apart), kind="stable")[:CHECKED]])
+        ranked = np.array(list(dict.fromkeys([*first.tolist(), *ranked.tolist()])))
     rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
     away = []
     groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
@@ -333,11 +421,13 @@ def checked_cold(result: ChaosResult, samples: SampleResult, quantity: Wanted, v
 
 
 def moments_of_sets(
-    quantity: Wanted, values: Array, weights: Array, sets: int
+    quantity: Wanted, values: Array, weights: Array, labels: Ints
 ) -> tuple[MeanStd, float, float]:
-    """The statistics of a quantity over sets (sets * n,) with weights of sum 1, and the errors of both."""
+    """The statistics of a quantity over sets, whose numbers are the labels (n,), with weights (n,) of sum 1, and
+    the errors of both."""
     value = MeanStd(*quantity.statistic(values, weights))
-    each = zip(values.reshape(sets, -1), sets * weights.reshape(sets, -1), strict=True)
+    sets = int(labels.max()) + 1
+    each = [(values[labels == k], sets * weights[labels == k]) for k in range(sets)]
     own = np.array([[0.0 if x is None else x for x in quantity.statistic(v, w)] for v, w in each])
     spread = SURE * own.std(axis=0, ddof=1) / np.sqrt(sets)
     # what the sets have in common is the bias of so few samples each

@@ -89,6 +89,10 @@ class Resultant:
         """Mean and deviation of values (N,) with weights (N,) of sum 1."""
         return _mean_and_std(values, weights)
 
+    def controls(self, values: Array, mean: float, std: float) -> Array:
+        """What a statistic near these is made of, (..., 2), of values that are close to the quantity."""
+        return _powers(values, mean, std)
+
     def __post_init__(self) -> None:
         checked_name("Resultant", self.interface)
         if not isinstance(self.of, str) or self.of not in get_args(Of):
@@ -187,6 +191,10 @@ class Measure:
         """Mean and deviation of values (N,) with weights (N,) of sum 1."""
         return _mean_and_std(values, weights)
 
+    def controls(self, values: Array, mean: float, std: float) -> Array:
+        """What a statistic near these is made of, (..., 2), of values that are close to the quantity."""
+        return _powers(values, mean, std)
+
     def __str__(self) -> str:
         return self.name
 
@@ -266,6 +274,10 @@ class Quantile:
         below = np.maximum.accumulate(np.cumsum(weights[ranked]) - 0.5 * weights[ranked])
         return float(np.interp(self.level, below, values[ranked])), None
 
+    def controls(self, values: Array, mean: float, std: float) -> Array:
+        """What a quantile near `mean` is made of, (..., 1), of values that are close to the quantity."""
+        return np.asarray(values < mean, dtype=np.float64)[..., None]
+
 
 def measure(function: Callable[[Any], Any]) -> Measure:
     """A function of the fields as a quantity, by its own name."""
@@ -276,6 +288,12 @@ def _mean_and_std(values: Array, weights: Array) -> tuple[float, float | None]:
     """Mean and deviation of values (N,) with weights (N,) of sum 1."""
     mean = float(weights @ values)
     return mean, float(np.sqrt(max(float(weights @ (values - mean) ** 2), 0.0)))
+
+
+def _powers(values: Array, mean: float, std: float) -> Array:
+    """Normalised values and their squares, (..., 2)."""
+    v = (values - mean) / std
+    return np.stack([v, v**2], axis=-1)
 
 
 Wanted: TypeAlias = Resultant | Measure | Quantile
