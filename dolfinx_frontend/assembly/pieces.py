@@ -27,6 +27,9 @@ from latin_core import Elimination, NumericalError
 __all__ = ["Nodes", "Pieces", "memory_of_pieces"]
 
 BLOCK = 128
+"""Columns that are worked on at once."""
+
+_FEWEST, _MOST_SENT = 64, 1024
 """Columns that are sent at once."""
 
 _IN_PLACE = MPI.IN_PLACE
@@ -132,10 +135,12 @@ class Pieces:
         total[np.ix_(self._shared, self._shared)] = own[:split, :split]
         comm.Allreduce(_IN_PLACE, total)
         self._lower = self._factorised(total)
-        starts = range(0, b, BLOCK)
+        # a few for each rank: their triangles differ, and every message is one more time to wait for others
+        wide = min(max(b // (4 * comm.size), _FEWEST), _MOST_SENT)
+        starts = range(0, b, wide)
         half = self._halves(own[:split, split:], starts)
         mine = {
-            start: half[:, start : start + BLOCK].T @ half[:, start:]
+            start: half[:, start : start + wide].T @ half[:, start:]
             for k, start in enumerate(starts)
             if k % comm.size == comm.rank
         }
@@ -143,17 +148,17 @@ class Pieces:
         found = np.zeros((b, b)) if comm.rank == owner else None
         on_faces = own[split:, split:]
         for start in starts:
-            some = np.flatnonzero((self._face >= start) & (self._face < start + BLOCK))
+            some = np.flatnonzero((self._face >= start) & (self._face < start + wide))
             below = np.flatnonzero(self._face >= start)
-            block = np.zeros((min(BLOCK, b - start), b - start))
+            block = np.zeros((min(wide, b - start), b - start))
             block[np.ix_(self._face[some] - start, self._face[below] - start)] = on_faces[np.ix_(some, below)]
             if start in mine:
                 block -= mine.pop(start)
             whole = np.empty_like(block) if found is not None else None
             comm.Reduce(block, whole, root=owner)
             if found is not None:
-                found[start : start + BLOCK, start:] = whole
-                found[start:, start : start + BLOCK] = whole.T
+                found[start : start + wide, start:] = whole
+                found[start:, start : start + wide] = whole.T
         return found
 
     def reduced(self, load: Array) -> Array:
@@ -227,13 +232,13 @@ class Pieces:
         if not c:
             return half
         for k, start in enumerate(starts):
-            some = np.flatnonzero((self._face >= start) & (self._face < start + BLOCK))
-            block = np.zeros((min(BLOCK, width - start), c))  # transposed: messages are by rows
+            some = np.flatnonzero((self._face >= start) & (self._face < start + starts.step))
+            block = np.zeros((min(starts.step, width - start), c))  # transposed: messages are by rows
             block[np.ix_(self._face[some] - start, self._shared)] = own[:, some].T
             whole = np.empty_like(block) if k % comm.size == comm.rank else None
             comm.Reduce(block, whole, root=k % comm.size)
             if whole is not None:
-                half[:, start : start + BLOCK] = self._solved_half(whole.T)
+                half[:, start : start + starts.step] = self._solved_half(whole.T)
         for k, start in enumerate(starts):
-            comm.Bcast(half.T[start : start + BLOCK], root=k % comm.size)
+            comm.Bcast(half.T[start : start + starts.step], root=k % comm.size)
         return half

@@ -325,7 +325,7 @@ class _Together:
             comm.Reduce(own, found, root=owner)
             if total is not None:
                 total[:, some] = found
-        return total
+        return total if total is None else 0.5 * (total + total.T)
 
     def reduced(self, load: Array) -> Array:
         """See :meth:`Pieces.reduced`."""
@@ -568,7 +568,6 @@ def _part(
     count = coordinates.size
     ascending = np.argsort(rows)
     dense = total[np.ix_(ascending, ascending)]
-    dense = 0.5 * (dense + dense.T)
     starts = np.zeros(count + 1, dtype=np.int32)
     starts[rows + 1] = len(rows)
     columns = np.tile(rows[ascending].astype(np.int32), len(rows))

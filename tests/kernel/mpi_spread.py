@@ -117,33 +117,33 @@ def loaded(comm: Any, hexahedra: bool) -> Scene:
 def inside() -> None:
     """Loads inside the part, its displacement and stress, and the way by one factor of PETSc's."""
     options = PETSc.Options()
-    for hexahedra in (True, False):
-        for petsc in (False, True):
-            if petsc:
-                options["latin_part_pc_factor_mat_solver_type"] = "mumps"
-            spread = lf.assemble(loaded(WORLD, hexahedra), comm=WORLD)
-            if petsc:
-                del options["latin_part_pc_factor_mat_solver_type"]
-            whole = lf.assemble(loaded(MPI.COMM_SELF, hexahedra), comm=MPI.COMM_SELF)
-            found, exact = (lf.solve(p, active=["joint"], options=TIGHT) for p in (spread, whole))
-            fields = exact.force("joint"), exact.jump("joint")
-            points = [p.interfaces["joint"].points for p in (spread, whole)]
-            for one, two in zip(found.gathered("joint"), fields, strict=True):
-                same("loads inside", *map(sorted_field, points, (one, two)))
-            x, u = whole_field(found.displacement("lower"))
-            there = whole.substructures["lower"].dof_coordinates
-            alone = exact.displacement("lower").x.array.reshape(-1, 3)
-            same("displacement", sorted_field(x, u), sorted_field(there, alone))
-            stress, other = found.stress("lower"), exact.stress("lower")
-            parts = [each.function_space.mesh.comm.allreduce(moment(each)) for each in (stress, other)]
-            same("stress", *parts)
-            hot = spread.with_laws(values={"heat.factor": 2.0}), whole.with_laws(values={"heat.factor": 2.0})
-            again = [lf.solve(p, active=["joint"], options=TIGHT).displacement("lower") for p in hot]
-            x, u = whole_field(again[0])
-            same("hotter", sorted_field(x, u), sorted_field(there, again[1].x.array.reshape(-1, 3)))
-            settings: dict[str, Any] = {"active": ["joint"], "options": TIGHT, "progress": False}
-            sweeps = [lf.sweep(p, {"lower.E": [150e3, 250e3]}, **settings) for p in (spread, whole)]
-            same("sweep", *(sorted_field(p, s.gathered("joint")[0].T) for p, s in zip(points, sweeps, strict=True)))
+    for hexahedra, petsc in ((False, False), (True, False), (True, True)):
+        if petsc:
+            options["latin_part_pc_factor_mat_solver_type"] = "mumps"
+        spread = lf.assemble(loaded(WORLD, hexahedra), comm=WORLD)
+        if petsc:
+            del options["latin_part_pc_factor_mat_solver_type"]
+        whole = lf.assemble(loaded(MPI.COMM_SELF, hexahedra), comm=MPI.COMM_SELF)
+        found, exact = (lf.solve(p, active=["joint"], options=TIGHT) for p in (spread, whole))
+        fields = exact.force("joint"), exact.jump("joint")
+        points = [p.interfaces["joint"].points for p in (spread, whole)]
+        for one, two in zip(found.gathered("joint"), fields, strict=True):
+            same("loads inside", *map(sorted_field, points, (one, two)))
+        x, u = whole_field(found.displacement("lower"))
+        there = whole.substructures["lower"].dof_coordinates
+        alone = exact.displacement("lower").x.array.reshape(-1, 3)
+        same("displacement", sorted_field(x, u), sorted_field(there, alone))
+        stress, other = found.stress("lower"), exact.stress("lower")
+        parts = [each.function_space.mesh.comm.allreduce(moment(each)) for each in (stress, other)]
+        same("stress", *parts)
+        hot = spread.with_laws(values={"heat.factor": 2.0}), whole.with_laws(values={"heat.factor": 2.0})
+        again = [lf.solve(p, active=["joint"], options=TIGHT).displacement("lower") for p in hot]
+        x, u = whole_field(again[0])
+        same("hotter", sorted_field(x, u), sorted_field(there, again[1].x.array.reshape(-1, 3)))
+        settings: dict[str, Any] = {"active": ["joint"], "options": TIGHT, "progress": False}
+        sweeps = [lf.sweep(p, {"lower.E": [150e3, 250e3]}, **settings) for p in (spread, whole)]
+        forces = [np.moveaxis(each.gathered("joint")[0], 1, 0) for each in sweeps]
+        same("swept", *map(sorted_field, points, forces))
     print(f"same inside on rank {RANK}", flush=True)
 
 
