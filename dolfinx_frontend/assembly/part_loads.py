@@ -435,8 +435,8 @@ def spread_load(load: Load, whole: Condensed, s: Substructure | None) -> PartLoa
     with agreement(comm):
         if load.kind == "point_force":
             raise SceneError(
-                f"{load.where}: a force at a point of part {whole.name!r}, whose mesh is spread over processes: "
-                "use scene.force on a face, or make the mesh on COMM_SELF"
+                f"{load.where}: a force at a point of part {whole.name!r}, whose mesh is spread over "
+                "processes: use scene.force on a face, or make the mesh on COMM_SELF"
             )
         own = part_load(load, cast(Substructure, whole))
     columns: dict[str, dict[str, Array]] = {parameter: {} for parameter in load.values}

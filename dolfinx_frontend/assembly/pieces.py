@@ -22,7 +22,7 @@ from mpi4py import MPI
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
-from latin_core import Elimination, NumericalError
+from latin_core import Elimination, InputError, NumericalError
 
 __all__ = ["Nodes", "Pieces", "memory_of_pieces"]
 
@@ -117,9 +117,11 @@ class Pieces:
         self._lower: Array = np.zeros((0, 0))
         with agreement(nodes.comm):
             try:
-                self._own = Elimination(stiffness=own, kept=self._kept, name=f"{where}, piece {nodes.comm.rank}")
-            except NumericalError as error:
-                raise SceneError(f"{where}: rank {nodes.comm.rank} could not eliminate its cells: {error}") from None
+                lower = sp.tril(own, format="csr")
+                self._own = Elimination(stiffness=lower, kept=self._kept, name=where)
+            except (InputError, NumericalError) as error:
+                rank = f"rank {nodes.comm.rank}"
+                raise SceneError(f"{where}: {rank} could not eliminate its cells: {error}") from None
 
     def condensed(self, owner: int) -> Array | None:
         """S on the owner, None elsewhere; once."""
@@ -173,7 +175,8 @@ class Pieces:
         every = np.zeros(self.stiffness.shape[0])
         every[self._order] = moved
         forces = np.zeros(self._nodes.dim * self._nodes.count_face)
-        forces[self._face] = (load - self.stiffness @ every)[self._order[len(self._order) - len(self._face) :]]
+        left = (load - self.stiffness @ every)[self._order]
+        forces[self._face] = left[len(left) - len(self._face) :]
         self._nodes.comm.Allreduce(_IN_PLACE, forces)
         return forces
 
@@ -214,8 +217,8 @@ class Pieces:
             lower = np.zeros_like(total)
         if not np.all(np.diag(lower) ** 2 >= _SINGULAR * diagonal):
             raise SceneError(
-                f"{self._where}: its stiffness between the ranks is not positive definite: a piece of the mesh "
-                "is not joined to the faces that the scene uses, or its material is not stable"
+                f"{self._where}: its stiffness between the ranks is not positive definite: a piece of the "
+                "mesh is not joined to the faces that the scene uses, or its material is not stable"
             )
         return lower
 

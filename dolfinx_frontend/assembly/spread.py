@@ -210,7 +210,8 @@ class Condensed:
         return bool(self.space.mesh.comm.allreduce(any(np.any(each) for each in every), op=MPI.LOR))
 
     def reduced(self, load: Array, size: int) -> Array | None:
-        """A load of this part as forces on the unknowns (size,) that its owner has; None elsewhere. Collective."""
+        """A load of this part as forces on the unknowns (size,) that its owner has, None elsewhere;
+        collective."""
         own = self._way.reduced(load)
         if self.rows is None:
             return None
@@ -477,11 +478,12 @@ def _way(form: Any, space: Any, places: Ints, where: str) -> Pieces | _Together:
     kept = float(d * len(places))
     count = float(space.dofmap.index_map.size_global * d)
     together = 8.0 * (_OF_MUMPS * count ** (4.0 / 3.0) / comm.size + 1.5 * kept**2)
-    if max(pieces, together) > free and min(pieces, together) > free and comm.rank == 0:
+    least = min(pieces, together)
+    if least > free and comm.rank == 0:
         warn(
-            f"{where}: its {count:.0f} unknowns, {kept:.0f} of them on faces, need about "
-            f"{1e-9 * min(pieces, together):.3g} GB on each of {comm.size} ranks, and {1e-9 * free:.3g} GB are free: "
-            "take more ranks or machines, or a coarser mesh",
+            f"{where}: its {count:.0f} unknowns, {kept:.0f} of them on faces, need about {1e-9 * least:.3g} GB on "
+            f"each of {comm.size} ranks, and {1e-9 * free:.3g} GB are free: take more ranks or machines, or a "
+            "coarser mesh",
             SceneWarning,
         )
     if pieces > free and together < pieces:

@@ -265,6 +265,8 @@ class Face(ABC):
     def displacement(self, part: str, step: int = -1) -> fem.Function:
         """Displacement of a part as a dolfinx function, length; of a random answer its mean.
 
+        Of a part whose mesh is spread over the ranks it is on the whole mesh, and all ranks call this.
+
         Parameters
         ----------
         step
@@ -285,13 +287,13 @@ class Face(ABC):
     def _on_all_ranks(
         self, part: str, whole: Condensed, step: int
     ) -> tuple[fem.Function, dict[tuple[str, str], float]]:
-        """Displacement of a part whose mesh is spread over the ranks, and the numbers of its loads; collective."""
+        """Displacement of a part whose mesh is spread over the ranks, and numbers of its loads."""
         comm, unknowns = self.problem.comm, None
         numbers: dict[tuple[str, str], float] = {}
         if self._factored(part) and whole.loaded:
             raise SceneError(
-                f"displacement of {part!r}: its mesh is spread over the ranks, its stiffness varies, and loads "
-                "act inside of it: make it on COMM_SELF to have its fields"
+                f"displacement of {part!r}: its mesh is spread over the ranks, its stiffness varies, and "
+                "loads act inside of it: make it on COMM_SELF to have its fields"
             )
         with agreement(comm):
             step = check_step(self.times, step, "displacement")

@@ -1,5 +1,6 @@
 #include <pybind11/eigen.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
 #include <memory>
 #include <string>
@@ -59,6 +60,11 @@ NumericalError
     If K_ii is not positive definite, or memory runs out.
 )doc")
       .def(py::init(&make_elimination), py::kw_only(), "stiffness"_a, "kept"_a, "name"_a)
+      .def("__repr__",
+           [](const Elimination& self) {
+             return "Elimination(" + std::to_string(self.size()) + " unknowns, " +
+                    std::to_string(self.kept()) + " kept)";
+           })
       .def_property_readonly("kept", &Elimination::kept, "Unknowns that are kept.")
       .def_property_readonly("factor_numbers", &Elimination::nonzeros, "Numbers in the factor.")
       .def("take_schur", &Elimination::take_schur,
@@ -73,7 +79,8 @@ NumericalError
             return std::pair(std::move(reduced), std::move(partial));
           },
           "forces"_a,
-          "Forces (n, c) as those on the kept unknowns alone, ``f_k - K_ki K_ii^-1 f_i``, (kept, c); "
+          "Forces (n, c) as those on the kept unknowns alone, ``f_k - K_ki K_ii^-1 f_i``, (kept, "
+          "c); "
           "and what expand() goes on from, (n, c).")
       .def(
           "expand",

@@ -217,13 +217,12 @@ TEST(Factor, IsTheSameOnSeveralThreads) {
     const latin::OneThread alone;
     return latin::algebra::factorise(matrix, trailing, FactorBackend::automatic, "grid")->solve(b);
   }();
-  const auto factor =
-      latin::algebra::factorise(matrix, trailing, FactorBackend::automatic, "grid");
+  const auto factor = latin::algebra::factorise(matrix, trailing, FactorBackend::automatic, "grid");
   EXPECT_LT((factor->solve(b) - one).norm(), 1e-14 * one.norm());
   latin::SparseRows broken = matrix;
   broken.coeffRef(size / 2, size / 2) = -90.0;
-  EXPECT_THROW(static_cast<void>(latin::algebra::factorise(broken, trailing,
-                                                           FactorBackend::automatic, "grid")),
+  EXPECT_THROW(static_cast<void>(
+                   latin::algebra::factorise(broken, trailing, FactorBackend::automatic, "grid")),
                latin::NumericalError);
 }
 

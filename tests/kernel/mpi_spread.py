@@ -97,7 +97,7 @@ def answers() -> None:
 
 
 def whole_field(field: Any) -> tuple[Any, Any]:
-    """Places and values (nodes, components) of a function on the mesh of all ranks, cells of a DG one apart."""
+    """Places and values (nodes, components) of a function on the mesh of all ranks."""
     V = field.function_space
     count, size = V.dofmap.index_map.size_local, V.dofmap.bs
     pieces = WORLD.allgather((V.tabulate_dof_coordinates()[:count], field.x.array[: size * count]))
@@ -173,6 +173,34 @@ def random() -> None:
     print(f"same columns on rank {RANK}", flush=True)
 
 
+def halves(low: float) -> Part:
+    """The unit cube without its middle layer of cells: the upper half hangs in the air."""
+    ends = [[0.0, 0.0, low], [1.0, 1.0, low + 1.0]]
+    mesh = dmesh.create_box(WORLD, ends, [3, 3, 5], dmesh.CellType.hexahedron)
+    count = mesh.topology.index_map(3).size_local
+    x = dmesh.compute_midpoints(mesh, 3, np.arange(count, dtype=np.int32))
+    kept = np.flatnonzero(np.abs(x[:, 2] - low - 0.5) > 0.05).astype(np.int32)
+    own = dmesh.create_submesh(mesh, 3, kept)[0]
+    found = dmesh.locate_entities_boundary(own, 2, lambda x: np.isclose(x[2], low))
+    return Part(own, dmesh.meshtags(own, 2, found, np.full(len(found), 1, dtype=np.int32)), {"z0": 1})
+
+
+def loose() -> None:
+    """A piece of the mesh that hangs on nothing, and a stiffness that is no number."""
+    for name in ("loose", "nan"):
+        made = Scene()
+        part = halves(0.0) if name == "loose" else block(WORLD, 3, 0.0, True)
+        modulus = fem.Constant(part.mesh, 200e3 if name == "loose" else np.nan)
+        made.substructure("b", part, LinearElastic(E=modulus, nu=0.3), degree=1)
+        made.fix("b:z0")
+        try:
+            lf.assemble(made, comm=WORLD)
+        except lf.SceneError as error:
+            assert "positive definite" in str(error) if name == "loose" else "finite" in str(error), error
+        else:
+            raise AssertionError(name)
+
+
 def refused() -> None:
     """What such a part cannot have."""
     law = Elastic(normal=1e5, tangential=4e4)
@@ -203,4 +231,5 @@ if __name__ == "__main__":
     answers()
     random()
     inside()
+    loose()
     refused()

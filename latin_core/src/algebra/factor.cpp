@@ -315,9 +315,9 @@ class CholmodFactor final : public Factor {
                                   static_cast<const Int*>(factor_->px),
                                   static_cast<const Int*>(factor_->s),
                                   static_cast<double*>(factor_->x)};
-      factorise_supernodes(
-          nodes, {ordered.first.data(), ordered.rows.data(), ordered.values.data()},
-          static_cast<std::size_t>(schur != nullptr ? size_ - trailing_ : size_));
+      factorise_supernodes(nodes,
+                           {ordered.first.data(), ordered.rows.data(), ordered.values.data()},
+                           static_cast<std::size_t>(schur != nullptr ? size_ - trailing_ : size_));
     } catch (const NotPositive& pivot) {
       const std::string where =
           " (pivot " + std::to_string(pivot.column) + " of " + std::to_string(size_) + ")";

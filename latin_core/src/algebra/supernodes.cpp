@@ -12,11 +12,11 @@
 // BLAS and LAPACK as Eigen declares them; hidden lengths of texts are not read for one letter
 extern "C" {
 int dgemm_(const char* transa, const char* transb, const int* m, const int* n, const int* k,
-            const double* alpha, const double* a, const int* lda, const double* b, const int* ldb,
-            const double* beta, double* c, const int* ldc);
+           const double* alpha, const double* a, const int* lda, const double* b, const int* ldb,
+           const double* beta, double* c, const int* ldc);
 int dtrsm_(const char* side, const char* uplo, const char* transa, const char* diag, const int* m,
-            const int* n, const double* alpha, const double* a, const int* lda, double* b,
-            const int* ldb);
+           const int* n, const double* alpha, const double* a, const int* lda, double* b,
+           const int* ldb);
 int dpotrf_(const char* uplo, const int* n, double* a, const int* lda, int* info);
 }
 
@@ -71,9 +71,13 @@ class LeftLooking {
     std::vector<std::size_t> order(forest.trees.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
     std::vector<std::vector<std::size_t>> left(order.size());
-    side_by_side(order, [&](std::size_t tree) {
-      left[tree] = eliminate_tree(forest.trees[tree], static_cast<Int>(tree) + 1, forest.of.data());
-    }, threads);
+    side_by_side(
+        order,
+        [&](std::size_t tree) {
+          left[tree] =
+              eliminate_tree(forest.trees[tree], static_cast<Int>(tree) + 1, forest.of.data());
+        },
+        threads);
     // those above: each is updated in stripes of its rows, so that no two threads write to one number
     std::vector<std::vector<std::size_t>> waiting(factor_.count);
     for (const std::vector<std::size_t>& each : left) {
@@ -151,7 +155,8 @@ class LeftLooking {
       }
       children[parent].push_back(d);
     }
-    for (std::size_t s = 0; s < count; ++s) {  // children before their parents: of the whole subtree
+    for (std::size_t s = 0; s < count;
+         ++s) {  // children before their parents: of the whole subtree
       for (const std::size_t child : children[s]) {
         work[s] += work[child];
       }
@@ -341,19 +346,22 @@ class LeftLooking {
     cuts.back() = rows;
     std::vector<std::size_t> order(stripes);
     std::iota(order.rbegin(), order.rend(), std::size_t{0});
-    side_by_side(order, [&](std::size_t k) {
-      if (cuts[k] < cuts[k + 1]) {
-        work(cuts[k], cuts[k + 1]);
-      }
-    }, threads);
+    side_by_side(
+        order,
+        [&](std::size_t k) {
+          if (cuts[k] < cuts[k + 1]) {
+            work(cuts[k], cuts[k + 1]);
+          }
+        },
+        threads);
   }
 
   /// As eliminate(), panel by panel.
   void eliminate_by_all(std::size_t s, int threads) const {
     const Offset own = eliminated(s);
     const Offset high = height(s);
-    const double work = static_cast<double>(own) * static_cast<double>(own) *
-                        static_cast<double>(high);
+    const double work =
+        static_cast<double>(own) * static_cast<double>(own) * static_cast<double>(high);
     if (work < worth_threads) {
       eliminate(s);
       return;
@@ -376,8 +384,8 @@ class LeftLooking {
         const auto m = static_cast<int>(end - low);
         const auto n = static_cast<int>(std::min(end, width(s) - next));
         if (n > 0) {
-          dgemm_("N", "T", &m, &n, &wide, &minus, at(next + low, column), &stride,
-                 at(next, column), &stride, &one, at(next + low, next), &stride);
+          dgemm_("N", "T", &m, &n, &wide, &minus, at(next + low, column), &stride, at(next, column),
+                 &stride, &one, at(next + low, next), &stride);
         }
       });
     }
@@ -418,10 +426,10 @@ class LeftLooking {
   const Supernodes<Int>& factor_;
   const LowerColumns<Int>& matrix_;
   Offset stop_;
-  std::vector<Int> owner_;            ///< supernode of a column
-  std::vector<Offset> at_;            ///< row of a supernode that comes next
-  std::vector<std::int64_t> first_;   ///< that waits for a supernode
-  std::vector<std::int64_t> next_;    ///< that waits for the same
+  std::vector<Int> owner_;           ///< supernode of a column
+  std::vector<Offset> at_;           ///< row of a supernode that comes next
+  std::vector<std::int64_t> first_;  ///< that waits for a supernode
+  std::vector<std::int64_t> next_;   ///< that waits for the same
 };
 
 }  // namespace
