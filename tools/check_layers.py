@@ -107,6 +107,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "rigid",
         "ranks",
         "substructure",
+        "pieces",
         "spread",
         "stretch",
         "vertices",

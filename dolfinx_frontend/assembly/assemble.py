@@ -22,7 +22,7 @@ from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.meeting import held_nodes
 from dolfinx_frontend.assembly.pairing import make_interface
-from dolfinx_frontend.assembly.part_loads import part_load
+from dolfinx_frontend.assembly.part_loads import part_load, spread_load
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import (
     Distribution,
@@ -168,7 +168,7 @@ def _assemble(
 
     _check_ties(scene, owner)
     spread = {
-        name: condensed(spec, comm, owner[name], _faces_of(scene, name), _has_loads(scene, name))
+        name: condensed(spec, comm, owner[name], _faces_of(scene, name), scene.densities is not None)
         for name, spec in scene.substructures.items()
         if spec.spread
     }
@@ -212,8 +212,16 @@ def _assemble(
             *axis_resistances(parts),
         ],
     )
+    loads = {}
     with agreement(comm):
-        loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}
+        for name, each in scene.loads.items():
+            if each.part not in spread:
+                loads[name] = part_load(each, substructures.get(each.part))
+    for name, each in scene.loads.items():
+        if each.part in spread:
+            whole = spread[each.part].condensed
+            loads[name] = spread_load(each, whole, substructures.get(each.part))
+    loads = {name: loads[name] for name in scene.loads}
     if scene.densities is not None:
         inertia = Relief(substructures, _densities(scene), parts, comm)
         loads = {name: inertia.load_balanced(each) for name, each in loads.items()}
@@ -338,12 +346,9 @@ def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
 def _faces_of(scene: Scene, part: str) -> list[str]:
     """Faces of a part that the scene uses."""
     every = [face for joint in scene.interfaces.values() for face in joint.faces]
-    return list(dict.fromkeys(face.face for face in every if face.substructure == part))
-
-
-def _has_loads(scene: Scene, part: str) -> bool:
-    """Whether a part has loads beside its body force, or inertia that is balanced."""
-    return scene.densities is not None or any(load.part == part for load in scene.loads.values())
+    used = [face.face for face in every if face.substructure == part]
+    used += [load.face for load in scene.loads.values() if load.part == part and load.face]
+    return list(dict.fromkeys(used))
 
 
 _Where = tuple[str, int]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import dolfinx.fem as fem
 import numpy as np
@@ -12,6 +12,8 @@ import ufl
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.places import place_of
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.assembly.substructure import Sources, Substructure, ring
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
@@ -21,7 +23,7 @@ from dolfinx_frontend.scene.loads import AXES, Load, LoadTerm
 from dolfinx_frontend.scene.materials import strain
 from dolfinx_frontend.scene.values import is_zero
 
-__all__ = ["FaceOf", "PartLoad", "cross", "fitting", "part_load"]
+__all__ = ["FaceOf", "PartLoad", "cross", "fitting", "part_load", "spread_load"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -406,3 +408,45 @@ def part_load(load: Load, s: Substructure | None) -> PartLoad:
         if form is not None:
             sources.append(Sources.of(s.part.mesh, form, "what it is made of"))
     return PartLoad(load, columns, stresses, tuple(sources))
+
+
+_OF_FACES = ("force", "bearing", "pressure", "traction")
+
+
+def spread_load(load: Load, whole: Condensed, s: Substructure | None) -> PartLoad:
+    """A load on a part whose mesh is spread over the ranks; collective.
+
+    Parameters
+    ----------
+    whole
+        What all ranks have of it.
+    s
+        The condensed part, on its owner.
+
+    Raises
+    ------
+    SceneError
+        As for :func:`part_load`, and of a force at a point.
+    """
+    comm = whole.space.mesh.comm
+    if load.kind in _OF_FACES:  # whose unknowns are all kept
+        with agreement(comm):
+            return part_load(load, s)
+    with agreement(comm):
+        if load.kind == "point_force":
+            raise SceneError(
+                f"{load.where}: a force at a point of part {whole.name!r}, whose mesh is spread over "
+                "processes: use scene.force on a face, or make the mesh on COMM_SELF"
+            )
+        own = part_load(load, cast(Substructure, whole))
+    columns: dict[str, dict[str, Array]] = {parameter: {} for parameter in load.values}
+    for parameter in load.shapes:
+        nodal = own.columns[parameter][whole.name]
+        whole.loads[load.name, parameter] = nodal
+        reduced = whole.reduced(nodal, 0 if s is None else s.size)
+        if reduced is not None:
+            columns[parameter][whole.name] = reduced
+        if parameter in own.stresses:
+            whole.stresses[load.name, parameter] = own.stresses[parameter]
+    stresses = own.stresses if s is not None else {}
+    return PartLoad(load, columns, stresses, own.sources)

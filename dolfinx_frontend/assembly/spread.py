@@ -1,9 +1,12 @@
-"""A part whose mesh is spread over the ranks: one factor of all of them, condensed to its faces.
+"""A part whose mesh is spread over the ranks, condensed to its faces by all of them.
 
-The unknowns on the faces that the scene joins or holds, b, are kept, all others, i, are eliminated by PETSc
-(MUMPS, or what options with the prefix ``latin_part_`` say) on the mesh's communicator:
+The unknowns on the faces that the scene joins or holds, b, are kept, all others, i, are eliminated:
 
     S = K_bb - K_bi K_ii^-1 K_ib,     f = f_b - K_bi K_ii^-1 f_i.
+
+Every rank eliminates the inside of its own cells (:mod:`pieces`). Where that does not fit into memory, where
+the kernel has no CHOLMOD, or where there are options of PETSc with the prefix ``latin_part_``, one factor of
+K_ii is made on the mesh's communicator (MUMPS, or what these options say).
 
 The rank that owns the part gets S with the mesh of the cells along these faces. From there on it is a part as
 any other. Of these cells the nodes off the faces follow those on them: springs hold each where the rigid
@@ -14,12 +17,13 @@ of the part, which :meth:`Condensed.displacement` tells.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import dolfinx.fem as fem
 import dolfinx.fem.petsc as fem_petsc
+import dolfinx.la as la
 import numpy as np
 import scipy.sparse as sp
 import ufl
@@ -28,27 +32,31 @@ from mpi4py import MPI
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
+from dolfinx_frontend.assembly.pieces import BLOCK, Nodes, Pieces, memory_of_pieces
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.substructure import Substructure, form_of, load_form, modulus_of
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.specs import SubstructureSpec
 from dolfinx_frontend.scene.values import is_random_field
+from latin_core import available_backends
 
 __all__ = ["Condensed", "SpreadPart", "condensed"]
 
 PETSc: Any = _PETSc  # its stubs know no members
 
 PREFIX = "latin_part_"
-BLOCK = 128
-"""Columns that are solved for at once."""
 
 _TOGETHER = 27
 """MUMPS' ICNTL for that number."""
+
+_OF_MUMPS = 45.0
+"""Numbers in its memory, over n^(4/3), of all ranks."""
 
 MOST = 16_000
 """Unknowns that are kept, at most: their matrix is dense (2 GB)."""
@@ -157,45 +165,91 @@ class Condensed:
     ----------
     space
         Displacements on the whole mesh.
-    loads
-        Constant body forces at the inner unknowns of this rank.
-    inner, kept
-        Unknowns of this rank, numbered on it, that are eliminated and kept.
-    coupling
-        K_ib (inner of this rank, all kept).
+    part, material
+        As the scene has them.
+    load, varying
+        Body forces of the cells of this rank, at all unknowns that it knows: the constant part, and what each
+        amplitude multiplies.
     rows
         (kept,) unknowns of the part on the owner, in the order of the kept; None elsewhere.
+    loads
+        Load of the scene and its parameter -> nodal forces of the number 1, as `load`.
+    stresses
+        The same -> initial stress (UFL on the whole mesh).
     """
 
     name: str
     owner: int
     space: Any
-    loads: Array
-    inner: Ints
-    kept: Ints
-    coupling: sp.csr_matrix
+    part: Any
+    material: Any
+    load: Array
+    varying: dict[Any, Array]
     rows: Ints | None
-    _solver: Any = field(repr=False)
+    _way: Any = field(repr=False)
+    loads: dict[tuple[str, str], Array] = field(default_factory=dict)
+    stresses: dict[tuple[str, str], Any] = field(default_factory=dict)
 
-    def displacement(self, unknowns: Array | None) -> Any:
+    @property
+    def dim(self) -> int:
+        """Space dimension."""
+        return int(self.space.dofmap.bs)
+
+    @property
+    def size(self) -> int:
+        """Unknowns that this rank knows."""
+        return len(self.load)
+
+    around = False
+    """It is no section of a body of revolution."""
+
+    @property
+    def loaded(self) -> bool:
+        """Whether something acts inside of it; collective."""
+        every = [self.load, *self.varying.values(), *self.loads.values()]
+        return bool(self.space.mesh.comm.allreduce(any(np.any(each) for each in every), op=MPI.LOR))
+
+    def reduced(self, load: Array, size: int) -> Array | None:
+        """A load of this part as forces on the unknowns (size,) that its owner has, None elsewhere;
+        collective."""
+        own = self._way.reduced(load)
+        if self.rows is None:
+            return None
+        forces = np.zeros(size)
+        forces[self.rows] = own
+        return forces
+
+    def displacement(
+        self,
+        unknowns: Array | None,
+        numbers: Mapping[tuple[str, str], float] | None = None,
+        time: float | None = None,
+    ) -> Any:
         """The displacement on the whole mesh, a dolfinx function. Collective.
+
+        The stiffness is the one that was assembled: where another factor is solved with, and something acts
+        inside the part, this is not its displacement.
 
         Parameters
         ----------
         unknowns
             (n,) of the part as the result has them; on its owner, None elsewhere.
+        numbers
+            What `loads` are multiplied with; on the owner. None: nothing.
+        time
+            At which body forces are taken that change in time.
         """
-        comm, d = self.space.mesh.comm, int(self.space.dofmap.bs)
+        comm = self.space.mesh.comm
         values: Any = None
         with agreement(comm):
             if self.rows is not None:
-                values = np.asarray(unknowns, dtype=np.float64)[self.rows]
-        values = comm.bcast(values, root=self.owner)
+                values = np.asarray(unknowns, dtype=np.float64)[self.rows], dict(numbers or {})
+        on_faces, factors = comm.bcast(values, root=self.owner)
+        load = self.load + sum(a(0.0 if time is None else time) * f for a, f in self.varying.items())
+        load = load + sum(factors.get(key, 0.0) * f for key, f in self.loads.items())
         found = fem.Function(self.space, name=self.name)
-        right = self.loads - self.coupling @ values
-        found.x.array[self.inner] = self._solver(right[:, None])[:, 0]
-        first = self.space.dofmap.index_map.local_range[0] * d
-        found.x.array[self.kept] = values[np.searchsorted(self._solver.places, first + self.kept)]
+        at, own = self._way.displacement(on_faces, load)
+        found.x.array[at] = own
         found.x.scatter_forward()
         return found
 
@@ -203,8 +257,7 @@ class Condensed:
 class _Inverse:
     """K_ii^-1 on the columns that the ranks have rows of."""
 
-    def __init__(self, matrix: Any, places: Ints, where: str) -> None:
-        self.places = places
+    def __init__(self, matrix: Any, where: str) -> None:
         self._pc = PETSc.PC().create(matrix.getComm())
         self._pc.setOptionsPrefix(PREFIX)
         matrix.setOption(PETSc.Mat.Option.SPD, True)
@@ -236,6 +289,75 @@ class _Inverse:
         return found
 
 
+class _Together:
+    """All ranks have one factor of the inner unknowns, and solve for every kept one; as :class:`Pieces`."""
+
+    def __init__(self, form: Any, space: Any, places: Ints, where: str) -> None:
+        matrix = fem_petsc.assemble_matrix(form)
+        matrix.assemble()
+        self.stiffness = _Rows(matrix)
+        self._space = space
+        d = int(space.dofmap.bs)
+        begin, end = matrix.getOwnershipRange()
+        wanted = (d * places[:, None] + np.arange(d)).ravel()
+        here = wanted[(wanted >= begin) & (wanted < end)]
+        self._at = np.searchsorted(wanted, here)
+        self._kept: Ints = (here - begin).astype(np.int64)
+        self._inner: Ints = np.setdiff1d(np.arange(end - begin), self._kept).astype(np.int64)
+        comm = matrix.getComm()
+        is_b = PETSc.IS().createGeneral(here.astype(PETSc.IntType), comm=comm)
+        is_i = PETSc.IS().createGeneral((begin + self._inner).astype(PETSc.IntType), comm=comm)
+        self._inverse = _Inverse(matrix.createSubMatrix(is_i, is_i), where)
+        blocks = []
+        for rows in (is_i, is_b):
+            block = matrix.createSubMatrix(rows, is_b)
+            indptr, indices, values = block.getValuesCSR()
+            blocks.append(sp.csr_matrix((values, indices, indptr), shape=(len(indptr) - 1, len(wanted))))
+        full = sp.lil_matrix((len(wanted), len(wanted)))
+        full[self._at] = blocks[1]
+        self._coupling, self._of_kept = blocks[0], full.tocsc()
+
+    def condensed(self, owner: int) -> Array | None:
+        """See :meth:`Pieces.condensed`."""
+        comm, count = self._space.mesh.comm, self._of_kept.shape[0]
+        total = np.zeros((count, count)) if comm.rank == owner else None
+        for some, own in self._columns(count):
+            found = np.zeros_like(own) if comm.rank == owner else None
+            comm.Reduce(own, found, root=owner)
+            if total is not None:
+                total[:, some] = found
+        return total if total is None else 0.5 * (total + total.T)
+
+    def reduced(self, load: Array) -> Array:
+        """See :meth:`Pieces.reduced`."""
+        f, own = self._summed(load), np.zeros(self._of_kept.shape[0])
+        own[self._at] = f[self._kept]
+        own -= self._coupling.T @ self._inverse(f[self._inner][:, None])[:, 0]
+        return np.asarray(self._space.mesh.comm.allreduce(own))
+
+    def displacement(self, on_faces: Array, load: Array) -> tuple[Ints, Array]:
+        """See :meth:`Pieces.displacement`."""
+        right = self._summed(load)[self._inner] - self._coupling @ on_faces
+        inner = self._inverse(right[:, None])[:, 0]
+        return np.concatenate([self._inner, self._kept]), np.concatenate([inner, on_faces[self._at]])
+
+    def _columns(self, count: int) -> Iterator[tuple[slice, Array]]:
+        """What this rank has of the columns of S, some at a time."""
+        transposed, by_column = self._coupling.T.tocsr(), self._coupling.tocsc()
+        for begin in range(0, count, BLOCK):
+            some = slice(begin, min(begin + BLOCK, count))
+            solved = self._inverse(by_column[:, some].toarray())
+            yield some, self._of_kept[:, some].toarray() - transposed @ solved
+
+    def _summed(self, load: Array) -> Array:
+        """Nodal forces of all ranks, at the unknowns of this one."""
+        function = fem.Function(self._space)
+        function.x.array[:] = load
+        function.x.scatter_reverse(la.InsertMode.add)
+        imap = self._space.dofmap.index_map
+        return np.array(function.x.array[: imap.size_local * int(self._space.dofmap.bs)])
+
+
 class SpreadPart(NamedTuple):
     """A condensed part: what all ranks keep, and on its owner the part and its description."""
 
@@ -250,6 +372,7 @@ class _Rows:
     def __init__(self, matrix: Any) -> None:
         self._matrix = matrix
         self._x, self._y = matrix.createVecs()
+        self.shape = (self._x.getLocalSize(), matrix.getSize()[1])
 
     def __matmul__(self, own: Array) -> Array:
         self._x.array[:] = own
@@ -257,7 +380,7 @@ class _Rows:
         return np.array(self._y.array)
 
 
-def _check(spec: SubstructureSpec, comm: Any, loaded: bool, faces: Sequence[str]) -> None:
+def _check(spec: SubstructureSpec, comm: Any, relieved: bool, faces: Sequence[str]) -> None:
     where = f"substructure {spec.name!r}"
     if comm is None or MPI.Comm.Compare(spec.part.mesh.comm, comm) not in (MPI.IDENT, MPI.CONGRUENT):
         raise SceneError(
@@ -272,7 +395,7 @@ def _check(spec: SubstructureSpec, comm: Any, loaded: bool, faces: Sequence[str]
     for wrong, what in (
         (spec.axisymmetric, "an axisymmetric scene"),
         (is_random_field(spec.stiffness), "a random field of its stiffness"),
-        (loaded, "temperatures, strains and other loads of parts"),
+        (relieved, "inertia relief"),
     ):
         if wrong:
             raise SceneError(
@@ -281,7 +404,7 @@ def _check(spec: SubstructureSpec, comm: Any, loaded: bool, faces: Sequence[str]
 
 
 def condensed(
-    spec: SubstructureSpec, comm: Any, owner: int, faces: Sequence[str], loaded: bool
+    spec: SubstructureSpec, comm: Any, owner: int, faces: Sequence[str], relieved: bool
 ) -> SpreadPart:
     """Assemble, factorise and condense a part on the communicator of its mesh; collective.
 
@@ -291,8 +414,8 @@ def condensed(
         The rank that is given the condensed part.
     faces
         Those that the scene uses.
-    loaded
-        Whether the scene has loads of this part beside its body force.
+    relieved
+        Whether inertia balances the loads of the scene.
 
     Raises
     ------
@@ -302,7 +425,7 @@ def condensed(
     """
     where = f"substructure {spec.name!r}"
     with agreement(comm):
-        _check(spec, comm, loaded, faces)
+        _check(spec, comm, relieved, faces)
         mesh, d = spec.part.mesh, spec.dim
         space = fem.functionspace(mesh, ("Lagrange", spec.degree, (d,)))
         form, _ = form_of(spec, space)
@@ -318,35 +441,54 @@ def condensed(
             f"{where}: its mesh is spread over processes, and {d * len(places)} of its unknowns are on the "
             f"faces {', '.join(faces)}: 1 to {MOST} can be kept; cut the part there, or join smaller faces"
         )
-    matrix = fem_petsc.assemble_matrix(form)
-    matrix.assemble()
-    inverse, blocks, kept, inner = _eliminated(matrix, d, places, where)
-    first = space.dofmap.index_map.local_range[0]
+    way = _way(form, space, places, where)
     loads: dict[Any, Array] = {}
     varies = isinstance(spec.body_force, Varying)
     for amplitude, force in spec.body_force.terms if varies else ((None, spec.body_force),):
         loads[amplitude] = loads.get(amplitude, 0.0) + _load(spec, space, force)
     with_load = {a: f for a, f in loads.items() if comm.allreduce(float(np.abs(f).max(initial=0.0))) > 0.0}
-    coupling, of_kept = blocks
-    total = _summed(comm, owner, _columns(inverse, coupling, of_kept, d * len(places)), d * len(places))
-    forces: dict[Any, Array | None] = {}
-    for amplitude, f in with_load.items():
-        own_b = np.zeros(d * len(places))
-        own_b[np.searchsorted(inverse.places, d * first + kept)] = f[kept]
-        own_b -= coupling.T @ inverse(f[inner][:, None])[:, 0]
-        forces[amplitude] = comm.reduce(own_b, root=owner)
+    total = way.condensed(owner)
+    forces = {amplitude: way.reduced(load) for amplitude, load in with_load.items()}
     volume, centre = _size(comm, mesh, d)
-    x = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local, :d]
-    modulus = comm.allreduce(modulus_of(_Rows(matrix), x - centre, volume))
+    x = space.tabulate_dof_coordinates()[: way.stiffness.shape[0] // d, :d]
+    modulus = comm.allreduce(modulus_of(way.stiffness, x - centre, volume))
     rows, part = None, None
     with agreement(comm):
         if face is not None:
             assert total is not None
             rows = (d * face.kept[:, None] + np.arange(d)).ravel()
             part = _part(face, rows, total, forces, volume, centre, modulus)
-    constant = loads.get(None, np.zeros(len(x) * d))
-    of_all = Condensed(spec.name, owner, space, constant[inner], inner, kept, coupling, rows, inverse)
+    load = loads.pop(None, None)
+    constant = _load(spec, space, None) if load is None else load
+    of_all = Condensed(spec.name, owner, space, spec.part, spec.material, constant, loads, rows, way)
     return SpreadPart(of_all, None if face is None else face.spec, part)
+
+
+def _way(form: Any, space: Any, places: Ints, where: str) -> Pieces | _Together:
+    """How the part is condensed; says so if what is left of the memory will not do."""
+    comm, d = space.mesh.comm, int(space.dofmap.bs)
+    nodes = Nodes(space, places)
+    given = any(name.startswith(PREFIX) for name in PETSc.Options().getAll())
+    if given or "cholmod" not in available_backends():
+        return _Together(form, space, places, where)
+    here = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    free = comm.allreduce(available_memory() / here.size, op=MPI.MIN)
+    here.Free()
+    pieces = comm.allreduce(memory_of_pieces(nodes), op=MPI.MAX)
+    kept = float(d * len(places))
+    count = float(space.dofmap.index_map.size_global * d)
+    together = 8.0 * (_OF_MUMPS * count ** (4.0 / 3.0) / comm.size + 1.5 * kept**2)
+    least = min(pieces, together)
+    if least > free and comm.rank == 0:
+        warn(
+            f"{where}: its {count:.0f} unknowns, {kept:.0f} of them on faces, need about {1e-9 * least:.3g} GB on "
+            f"each of {comm.size} ranks, and {1e-9 * free:.3g} GB are free: take more ranks or machines, or a "
+            "coarser mesh",
+            SceneWarning,
+        )
+    if pieces > free and together < pieces:
+        return _Together(form, space, places, where)
+    return Pieces(form, nodes, where)
 
 
 class _Face(NamedTuple):
@@ -395,58 +537,13 @@ def _followers(space: Any, on: Ints, d: int) -> sp.csr_matrix:
     return sp.csr_matrix((values, (rows, columns)), shape=(d * len(x), d * len(x)))
 
 
-def _eliminated(matrix: Any, d: int, places: Ints, where: str) -> tuple[_Inverse, Any, Ints, Ints]:
-    """The factor of the inner unknowns, K_ib and K_bb of this rank, and its kept and inner unknowns."""
-    begin, end = matrix.getOwnershipRange()
-    wanted = (d * places[:, None] + np.arange(d)).ravel()
-    here = wanted[(wanted >= begin) & (wanted < end)]
-    kept = here - begin
-    inner = np.setdiff1d(np.arange(end - begin), kept)
-    comm = matrix.getComm()
-    is_b = PETSc.IS().createGeneral(here.astype(PETSc.IntType), comm=comm)
-    is_i = PETSc.IS().createGeneral((begin + inner).astype(PETSc.IntType), comm=comm)
-    inverse = _Inverse(matrix.createSubMatrix(is_i, is_i), wanted, where)
-    blocks = []
-    for rows in (is_i, is_b):
-        block = matrix.createSubMatrix(rows, is_b)
-        indptr, indices, values = block.getValuesCSR()
-        blocks.append(sp.csr_matrix((values, indices, indptr), shape=(len(indptr) - 1, len(wanted))))
-    full = sp.lil_matrix((len(wanted), len(wanted)))
-    full[np.searchsorted(wanted, here)] = blocks[1]
-    return inverse, (blocks[0], full.tocsr()), kept.astype(np.int64), inner.astype(np.int64)
-
-
-def _columns(
-    inverse: _Inverse, coupling: sp.csr_matrix, of_kept: sp.csr_matrix, count: int
-) -> Iterator[tuple[slice, Array]]:
-    """What this rank has of the columns of S, some at a time."""
-    transposed, by_column, own = coupling.T.tocsr(), coupling.tocsc(), of_kept.tocsc()
-    for begin in range(0, count, BLOCK):
-        some = slice(begin, min(begin + BLOCK, count))
-        solved = inverse(by_column[:, some].toarray())
-        yield some, own[:, some].toarray() - transposed @ solved
-
-
-def _summed(comm: Any, owner: int, columns: Iterator[tuple[slice, Array]], count: int) -> Array | None:
-    """S on the owner."""
-    total = np.zeros((count, count)) if comm.rank == owner else None
-    for some, own in columns:
-        found = np.zeros_like(own) if comm.rank == owner else None
-        comm.Reduce(own, found, root=owner)
-        if total is not None:
-            total[:, some] = found
-    return total
-
-
 def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
-    """Nodal forces of a body force at the unknowns of this rank."""
+    """Nodal forces of a body force on the cells of this rank, at all unknowns that it knows."""
     form = load_form(spec, space, force)
-    count = space.dofmap.index_map.size_local * space.dofmap.bs
+    imap = space.dofmap.index_map
     if form is None:
-        return np.zeros(count)
-    vector = fem_petsc.assemble_vector(form)
-    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    return np.array(vector.array[:count], dtype=np.float64)
+        return np.zeros((imap.size_local + imap.num_ghosts) * space.dofmap.bs)
+    return np.array(fem.assemble_vector(form).array, dtype=np.float64)
 
 
 def _size(comm: Any, mesh: Any, d: int) -> tuple[float, Array]:
@@ -462,7 +559,7 @@ def _part(
     face: _Face,
     rows: Ints,
     total: Array,
-    forces: dict[Any, Array | None],
+    forces: dict[Any, Array],
     volume: float,
     centre: Array,
     modulus: float,
@@ -473,7 +570,6 @@ def _part(
     count = coordinates.size
     ascending = np.argsort(rows)
     dense = total[np.ix_(ascending, ascending)]
-    dense = 0.5 * (dense + dense.T)
     starts = np.zeros(count + 1, dtype=np.int32)
     starts[rows + 1] = len(rows)
     columns = np.tile(rows[ascending].astype(np.int32), len(rows))

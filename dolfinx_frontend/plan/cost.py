@@ -152,6 +152,7 @@ def bodies_of(problem: Problem, kept: tuple[str, ...]) -> Iterator[Body]:
         if problem.dim == 3:
             entries = sum(_fill(problem.substructures[name]) for name in group) * (n / whole) * n ** (1 / 3)
             entries += 0.5 * float(active) ** 2
+        entries = max(entries, 0.5 * matrix)  # a part that was condensed is dense
         yield Body(n, active, entries, matrix)
 
 

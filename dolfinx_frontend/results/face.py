@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_frontend.assembly.ranks import together
+from dolfinx_frontend.assembly.ranks import agreement, together
+from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import (
     check_known,
@@ -264,6 +265,8 @@ class Face(ABC):
     def displacement(self, part: str, step: int = -1) -> fem.Function:
         """Displacement of a part as a dolfinx function, length; of a random answer its mean.
 
+        Of a part whose mesh is spread over the ranks it is on the whole mesh, and all ranks call this.
+
         Parameters
         ----------
         step
@@ -274,14 +277,34 @@ class Face(ABC):
         SceneError
             No such part or step, or samples whose states were not kept.
         """
+        whole = getattr(self.problem, "spread", {}).get(part) if isinstance(part, str) else None
+        if whole is not None:
+            return self._on_all_ranks(part, whole, step)[0]
         self._check_part(part)
-        if part in getattr(self.problem, "spread", ()):
-            raise SceneError(
-                f"displacement of {part!r}: its mesh is spread over the ranks: on all of them, "
-                f"problem.spread[{part!r}].displacement(result.displacements.get({part!r}))"
-            )
         step = check_step(self.times, step, "displacement")
         return self.function(part, stepped(self.unknowns(part), self.times)[step], "displacement")
+
+    def _on_all_ranks(
+        self, part: str, whole: Condensed, step: int
+    ) -> tuple[fem.Function, dict[tuple[str, str], float]]:
+        """Displacement of a part whose mesh is spread over the ranks, and numbers of its loads."""
+        comm, unknowns = self.problem.comm, None
+        numbers: dict[tuple[str, str], float] = {}
+        if self._factored(part) and whole.loaded:
+            raise SceneError(
+                f"displacement of {part!r}: its mesh is spread over the ranks, its stiffness varies, and "
+                "loads act inside of it: make it on COMM_SELF to have its fields"
+            )
+        with agreement(comm):
+            step = check_step(self.times, step, "displacement")
+            if part in self.problem.substructures:
+                self._check_part(part)
+                unknowns = stepped(self.unknowns(part), self.times)[step]
+                for key in whole.loads:
+                    numbers[key] = float(stepped(self.load_number(*key), self.times)[step])
+        numbers = comm.bcast(numbers, root=whole.owner)
+        time = None if self.times is None else float(self.times[step])
+        return whole.displacement(unknowns, numbers, time), numbers
 
     def mean(self, part: str, step: int = -1) -> fem.Function:
         """Mean displacement, as :meth:`displacement`."""
@@ -304,6 +327,9 @@ class Face(ABC):
             that a plane part does not have.
         """
         checked_word("stress", "of", of, ("tensor", *MADE_OF_STRESS))
+        whole = getattr(self.problem, "spread", {}).get(part) if isinstance(part, str) else None
+        if whole is not None:
+            return self._stress_on_all_ranks(part, whole, step, of)
         u = self.displacement(part, step)
         self.problem.check_sources(part)
         step = check_step(self.times, step, "stress")
@@ -323,6 +349,19 @@ class Face(ABC):
             for load, parameter, stress in self.problem.initial_stresses(part)
         ]
         return stress_function(u, self.problem.substructures[part].material, initial=initial)
+
+    def _stress_on_all_ranks(self, part: str, whole: Condensed, step: int, of: str) -> fem.Function:
+        """As :meth:`stress`, of a part whose mesh is spread over the ranks; collective."""
+        if of != "tensor" or self._factored(part):
+            what = f"of = {of!r}" if of != "tensor" else "of a stiffness that varies"
+            raise SceneError(
+                f"stress of {part!r}: its mesh is spread over the ranks, which have the tensor of a given "
+                f"stiffness only, not {what}: make it on COMM_SELF"
+            )
+        u, numbers = self._on_all_ranks(part, whole, step)
+        with agreement(self.problem.comm):
+            initial = [(stress, numbers[key]) for key, stress in whole.stresses.items()]
+            return stress_function(u, whole.material, initial=initial)
 
     def _factored(self, part: str) -> bool:
         """Whether the stiffness of a part varies in this answer."""

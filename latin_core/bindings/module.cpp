@@ -19,6 +19,7 @@ void bind_results(py::module_& m);
 void bind_structure(py::module_& m);
 void bind_stochastic(py::module_& m);
 void bind_mortar(py::module_& m);
+void bind_elimination(py::module_& m);
 
 namespace {
 
@@ -65,6 +66,7 @@ PYBIND11_MODULE(_core, m) {
   m.def("default_options", &default_options,
         "Settings of the iteration and of the bodies' operators where none are given, by name.");
   bind_mortar(m);
+  bind_elimination(m);
   m.def(
       "bound_threads",
       [](py::handle comm) { return latin::bound_threads(latin_bindings::to_communicator(comm)); },

@@ -8,8 +8,10 @@
 #include <thread>
 #include <vector>
 
+#include "latin/algebra/elimination.hpp"
 #include "latin/algebra/factor.hpp"
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 
 namespace {
 
@@ -199,5 +201,66 @@ TEST(Factor, IsAsExactAsItsConditionLets) {
         }
       }
     }
+  }
+}
+
+// a grid large enough that subtrees are eliminated side by side and the supernodes above them in stripes; the threads of
+// the linear algebra are those of the process, so that both are tried where it may have two
+TEST(Factor, IsTheSameOnSeveralThreads) {
+  const latin::SparseRows matrix = block_grid(17);
+  const Index size = matrix.rows();
+  const Index trailing = 3 * 17 * 17;
+  Matrix x(size, 2);
+  x << latin::Vector::LinSpaced(size, -1.0, 2.0), latin::Vector::Ones(size);
+  const Matrix b = matrix.selfadjointView<Eigen::Lower>() * x;
+  const Matrix one = [&] {
+    const latin::OneThread alone;
+    return latin::algebra::factorise(matrix, trailing, FactorBackend::automatic, "grid")->solve(b);
+  }();
+  const auto factor = latin::algebra::factorise(matrix, trailing, FactorBackend::automatic, "grid");
+  EXPECT_LT((factor->solve(b) - one).norm(), 1e-14 * one.norm());
+  latin::SparseRows broken = matrix;
+  broken.coeffRef(size / 2, size / 2) = -90.0;
+  EXPECT_THROW(static_cast<void>(
+                   latin::algebra::factorise(broken, trailing, FactorBackend::automatic, "grid")),
+               latin::NumericalError);
+}
+
+// only the block of the eliminated unknowns has to be definite: a bar that nothing holds is condensed to its ends
+TEST(Elimination, CondensesWhatIsLoose) {
+  const Index n = 40;
+  for (const FactorBackend backend : backends()) {
+    // nodes 0 and 1 are the ends, what is between them follows
+    latin::SparseRows bar(n, n);
+    const auto place = [n](Index i) { return i == 0 ? n - 2 : i + 1 == n ? n - 1 : i - 1; };
+    for (Index i = 0; i + 1 < n; ++i) {
+      const Index a = place(i);
+      const Index b = place(i + 1);
+      bar.coeffRef(a, a) += 2.0;
+      bar.coeffRef(b, b) += 2.0;
+      bar.coeffRef(std::max(a, b), std::min(a, b)) -= 2.0;
+    }
+    bar.makeCompressed();
+    latin::algebra::Elimination bars(bar, 2, backend, "bar");
+    const double series = 2.0 / static_cast<double>(n - 1);
+    const Matrix schur = bars.take_schur();
+    EXPECT_NEAR(schur(0, 0), series, 1e-13);
+    EXPECT_NEAR(schur(1, 0), -series, 1e-13);
+    EXPECT_NEAR(schur(1, 1), series, 1e-13);
+    // a force in the middle goes to both ends; these are held
+    Matrix force = Matrix::Zero(n, 1);
+    force(place(13), 0) = 1.0;
+    Matrix partial;
+    const Matrix reduced = bars.reduce(force, partial);
+    const double share = 13.0 / static_cast<double>(n - 1);
+    EXPECT_NEAR(reduced(0, 0), 1.0 - share, 1e-13);
+    EXPECT_NEAR(reduced(1, 0), share, 1e-13);
+    const Matrix moved = bars.expand(Matrix::Zero(2, 1), partial);
+    EXPECT_NEAR(moved(place(13), 0), 13.0 * (1.0 - share) / 2.0, 1e-12);
+    EXPECT_NEAR(bars.expand(Matrix::Ones(2, 1), Matrix::Zero(n, 1))(place(20), 0), 1.0, 1e-12);
+    // what is between them, loose
+    latin::SparseRows loose = bar;
+    loose.coeffRef(0, 0) = -1.0;
+    EXPECT_THROW(latin::algebra::Elimination(loose, 2, backend, "bar"), latin::NumericalError);
   }
 }

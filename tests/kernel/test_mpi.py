@@ -167,5 +167,5 @@ def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
 def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int) -> None:
     run = launch(ranks, "mpi_spread.py")
     assert run.returncode == 0, run.stdout + run.stderr
-    for what in ("same part", "same columns", "refused"):
+    for what in ("same part", "same columns", "same inside", "refused"):
         assert run.stdout.count(f"{what} on rank") == ranks

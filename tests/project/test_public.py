@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import dolfinx_frontend
 import latin_core
@@ -156,6 +157,7 @@ def kernel() -> list[Any]:
     )
     return [
         *(structure, structure.laws(), *sides, bars.interface("wall", "perfect", sides[0])),
+        latin_core.Elimination(stiffness=sp.eye_array(4, format="csr"), kept=2, name="bar0"),
         *(part, spring, latin_core.Body(name="bar0", size=bars.NODES, members=[part], springs=[spring])),
         latin_core.python_law(name="own", resolve=lambda *_: None),
     ]

@@ -26,6 +26,7 @@ from petsc4py import PETSc
 from latin_core import _core
 from latin_core._core import (
     Body,
+    Elimination,
     InputError,
     Interface,
     Iteration,
@@ -74,6 +75,7 @@ __all__ = [
     "Checkpoint",
     "CheckpointError",
     "CheckpointWarning",
+    "Elimination",
     "InputError",
     "Interface",
     "Iteration",

@@ -13,7 +13,9 @@
 #include <unordered_map>
 #include <vector>
 
+#include "latin/algebra/elimination.hpp"
 #include "latin/algebra/handle.hpp"
+#include "latin/algebra/supernodes.hpp"
 #include "latin/common/error.hpp"
 
 #ifdef LATIN_HAVE_CHOLMOD
@@ -107,7 +109,7 @@ struct Narrow {
   static constexpr auto start = cholmod_start;
   static constexpr auto finish = cholmod_finish;
   static constexpr auto analyze = cholmod_analyze;
-  static constexpr auto factorize = cholmod_factorize;
+  static constexpr auto change_factor = cholmod_change_factor;
   static constexpr auto solve = cholmod_solve;
   static constexpr auto free_factor = cholmod_free_factor;
   static constexpr auto free_dense = cholmod_free_dense;
@@ -121,7 +123,7 @@ struct Wide {
   static constexpr auto start = cholmod_l_start;
   static constexpr auto finish = cholmod_l_finish;
   static constexpr auto analyze = cholmod_l_analyze;
-  static constexpr auto factorize = cholmod_l_factorize;
+  static constexpr auto change_factor = cholmod_l_change_factor;
   static constexpr auto solve = cholmod_l_solve;
   static constexpr auto free_factor = cholmod_l_free_factor;
   static constexpr auto free_dense = cholmod_l_free_dense;
@@ -280,9 +282,11 @@ class CholmodFactor final : public Factor {
 
  public:
   /// @param order the unknown at every place
+  /// @param schur where the lower triangle of the Schur complement goes if the trailing unknowns are not to be
+  ///   eliminated: their block of the factor is the identity then; null: they are
   /// @throws TooLarge
   CholmodFactor(const SparseRows& lower, const std::vector<int>& order, Index trailing,
-                const std::string& name)
+                const std::string& name, Matrix* schur)
       : size_(lower.rows()), trailing_(trailing) {
     start_quietly<Api>(common_);
     common_.supernodal = CHOLMOD_SUPERNODAL;
@@ -299,19 +303,34 @@ class CholmodFactor final : public Factor {
     if (factor_ == nullptr) {
       fail(name);
     }
-    Api::factorize(&matrix, factor_, &common_);
-    std::ranges::copy(order, static_cast<Int*>(factor_->Perm));  // for solve(), from here on
-    factor_->ordering = CHOLMOD_GIVEN;
-    if (common_.status < CHOLMOD_OK) {
+    // the numbers of the factor are to be had, the analysis has their places
+    if (Api::change_factor(CHOLMOD_REAL, 1, 1, 1, 1, factor_, &common_) == 0) {
       fail(name);
     }
-    if (common_.status == CHOLMOD_NOT_POSDEF || factor_->minor < factor_->n) {
+    try {
+      const Supernodes<Int> nodes{factor_->n,
+                                  factor_->nsuper,
+                                  static_cast<const Int*>(factor_->super),
+                                  static_cast<const Int*>(factor_->pi),
+                                  static_cast<const Int*>(factor_->px),
+                                  static_cast<const Int*>(factor_->s),
+                                  static_cast<double*>(factor_->x)};
+      factorise_supernodes(nodes,
+                           {ordered.first.data(), ordered.rows.data(), ordered.values.data()},
+                           static_cast<std::size_t>(schur != nullptr ? size_ - trailing_ : size_));
+    } catch (const NotPositive& pivot) {
       const std::string where =
-          " (pivot " + std::to_string(factor_->minor) + " of " + std::to_string(factor_->n) + ")";
+          " (pivot " + std::to_string(pivot.column) + " of " + std::to_string(size_) + ")";
       release();
       throw NumericalError(not_definite(name, where));
     }
-    refuse_singular(ordered, name);
+    std::ranges::copy(order, static_cast<Int*>(factor_->Perm));  // for solve(), from here on
+    factor_->ordering = CHOLMOD_GIVEN;
+    if (schur != nullptr) {
+      *schur = trailing_factor();
+      make_trailing_identity();
+    }
+    refuse_singular(ordered, name, schur != nullptr ? size_ - trailing_ : size_);
   }
   CholmodFactor(const CholmodFactor&) = delete;
   CholmodFactor& operator=(const CholmodFactor&) = delete;
@@ -337,26 +356,39 @@ class CholmodFactor final : public Factor {
 
   [[nodiscard]] Matrix trailing_factor() const override {
     Matrix dense = Matrix::Zero(trailing_, trailing_);
-    const auto* super = static_cast<const Int*>(factor_->super);
-    const auto* row_start = static_cast<const Int*>(factor_->pi);
-    const auto* value_start = static_cast<const Int*>(factor_->px);
-    const auto* rows = static_cast<const Int*>(factor_->s);
-    const auto* values = static_cast<const double*>(factor_->x);
     const auto first = static_cast<Int>(size_ - trailing_);
-    for (std::size_t node = 0; node < factor_->nsuper; ++node) {
-      const Int height = row_start[node + 1] - row_start[node];
-      for (Int column = std::max(super[node], first); column < super[node + 1]; ++column) {
-        const double* of_column = values + value_start[node] +
-                                  static_cast<std::ptrdiff_t>(height) * (column - super[node]);
-        for (Int i = column - super[node]; i < height; ++i) {
-          dense(rows[row_start[node] + i] - first, column - first) = of_column[i];
-        }
-      }
-    }
+    each_trailing([&](Int row, Int column, const double& value) {
+      dense(row - first, column - first) = value;
+    });
     return dense;
   }
 
  private:
+  /// Call `visit` of the numbers in the block of the trailing unknowns.
+  template <class Visit>
+  void each_trailing(const Visit& visit) const {
+    const auto* super = static_cast<const Int*>(factor_->super);
+    const auto* row_start = static_cast<const Int*>(factor_->pi);
+    const auto* value_start = static_cast<const Int*>(factor_->px);
+    const auto* rows = static_cast<const Int*>(factor_->s);
+    auto* values = static_cast<double*>(factor_->x);
+    const auto first = static_cast<Int>(size_ - trailing_);
+    for (std::size_t node = 0; node < factor_->nsuper; ++node) {
+      const Int height = row_start[node + 1] - row_start[node];
+      for (Int column = std::max(super[node], first); column < super[node + 1]; ++column) {
+        double* of_column = values + value_start[node] +
+                            static_cast<std::ptrdiff_t>(height) * (column - super[node]);
+        for (Int i = column - super[node]; i < height; ++i) {
+          visit(rows[row_start[node] + i], column, of_column[i]);
+        }
+      }
+    }
+  }
+
+  void make_trailing_identity() {
+    each_trailing([](Int row, Int column, double& value) { value = row == column ? 1.0 : 0.0; });
+  }
+
   /// One system after the other.
   [[nodiscard]] Matrix solve_with(std::initializer_list<int> systems, ConstMatrixRef rhs) const {
     Matrix block = rhs;  // contiguous, with the leading dimension that CHOLMOD is told
@@ -388,18 +420,20 @@ class CholmodFactor final : public Factor {
   }
 
   /// A rigid motion that nothing holds leaves a last pivot that is rounding: with luck a positive one.
-  void refuse_singular(const Ordered<Int>& matrix, const std::string& name) {
+  /// @param eliminated the columns that may not
+  void refuse_singular(const Ordered<Int>& matrix, const std::string& name, Index eliminated) {
     const auto* super = static_cast<const Int*>(factor_->super);
     const auto* row_start = static_cast<const Int*>(factor_->pi);
     const auto* value_start = static_cast<const Int*>(factor_->px);
     const auto* values = static_cast<const double*>(factor_->x);
     for (std::size_t node = 0; node < factor_->nsuper; ++node) {
       const std::ptrdiff_t height = row_start[node + 1] - row_start[node];
-      for (Int column = super[node]; column < super[node + 1]; ++column) {
+      const Int end = std::min(super[node + 1], static_cast<Int>(eliminated));
+      for (Int column = super[node]; column < end; ++column) {
         const double root = values[value_start[node] + (height + 1) * (column - super[node])];
         const double diagonal = matrix.diagonal[static_cast<std::size_t>(column)];
         least_pivot_ = std::min(least_pivot_, root * root / diagonal);
-        if (root * root < singular * diagonal) {
+        if (!(root * root >= singular * diagonal)) {  // nor is one that is no number
           release();
           throw NumericalError(not_definite(name, " beyond rounding (pivot " +
                                                       std::to_string(column) + " of " +
@@ -445,17 +479,17 @@ class CholmodFactor final : public Factor {
 
 /// With 64-bit indices where 32 bits cannot count the numbers of the factor, or where they are asked for.
 std::unique_ptr<Factor> factorise_cholmod(const SparseRows& lower, Index trailing, bool wide,
-                                          const std::string& name) {
+                                          const std::string& name, Matrix* schur = nullptr) {
   const std::vector<int> order = interior_first(lower, trailing, name);
   if (!wide) {
     try {
-      return std::make_unique<CholmodFactor<Narrow>>(lower, order, trailing, name);
+      return std::make_unique<CholmodFactor<Narrow>>(lower, order, trailing, name, schur);
     } catch (const TooLarge&) {
       wide = true;  // the analysis says so, before anything is factorised
     }
   }
   try {
-    return std::make_unique<CholmodFactor<Wide>>(lower, order, trailing, name);
+    return std::make_unique<CholmodFactor<Wide>>(lower, order, trailing, name, schur);
   } catch (const TooLarge&) {
     throw NumericalError(failure(name, lower.rows(), CHOLMOD_TOO_LARGE));
   }
@@ -579,6 +613,61 @@ std::unique_ptr<Factor> factorise(const SparseRows& lower, Index trailing, Facto
 #endif
   static_cast<void>(trailing);
   return std::make_unique<MumpsFactor>(lower, name);
+}
+
+Elimination::Elimination(const SparseRows& lower, Index kept, FactorBackend backend,
+                         const std::string& name)
+    : size_(lower.rows()), kept_(kept) {
+  const Index interior = size_ - kept;
+  if (kept < 0 || interior < 0) {
+    throw InputError("'" + name + "': " + std::to_string(kept) + " unknowns of " +
+                     std::to_string(size_) + " are to be kept");
+  }
+  if (interior == 0) {
+    schur_ = Matrix(lower);
+    return;
+  }
+#ifdef LATIN_HAVE_CHOLMOD
+  if (backend != FactorBackend::mumps && kept > 0) {
+    condenses_ = true;
+    interior_ = factorise_cholmod(lower, kept, backend == FactorBackend::cholmod64, name, &schur_);
+    return;
+  }
+#endif
+  interior_ = factorise(lower.topLeftCorner(interior, interior), 0, backend, name);
+  coupling_ = lower.bottomLeftCorner(kept, interior);
+  schur_ = Matrix(lower.bottomRightCorner(kept, kept));
+  constexpr Index block = 64;
+  for (Index column = 0; column < kept; column += block) {
+    const Index some = std::min(block, kept - column);
+    const Matrix right = Matrix(coupling_.middleRows(column, some)).transpose();
+    schur_.middleCols(column, some) -= coupling_ * interior_->solve(right);
+  }
+}
+
+Matrix Elimination::reduce(ConstMatrixRef forces, Matrix& partial) const {
+  if (condenses_) {
+    partial = interior_->forward(forces);
+    return partial.bottomRows(kept_);
+  }
+  partial = forces;
+  if (interior_ == nullptr) {
+    return forces;
+  }
+  const Index interior = size_ - kept_;
+  partial.topRows(interior) = interior_->solve(forces.topRows(interior));
+  return forces.bottomRows(kept_) - coupling_ * partial.topRows(interior);
+}
+
+Matrix Elimination::expand(ConstMatrixRef kept, Matrix partial) const {
+  partial.bottomRows(kept_) = kept;
+  if (condenses_) {
+    return interior_->backward(partial);
+  }
+  if (interior_ != nullptr) {
+    partial.topRows(size_ - kept_) -= interior_->solve(coupling_.transpose() * kept);
+  }
+  return partial;
 }
 
 std::string available_backends() {

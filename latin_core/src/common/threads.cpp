@@ -40,7 +40,8 @@ std::array<unsigned char, 1024> own_cores() {
   return cores;
 }
 
-/// Threads of the linear algebra; 1 where that cannot be asked.
+}  // namespace
+
 int threads_of_algebra() {
   if (openblas_get_num_threads != nullptr) {
     return std::max(openblas_get_num_threads(), 1);
@@ -48,34 +49,24 @@ int threads_of_algebra() {
   return omp_get_max_threads != nullptr ? std::max(omp_get_max_threads(), 1) : 1;
 }
 
-/// One thread of OpenBLAS, as long as this lives.
-class OneThread {
- public:
-  OneThread() {
-    if (openblas_get_num_threads != nullptr && openblas_set_num_threads != nullptr) {
-      before_ = openblas_get_num_threads();
+OneThread::OneThread() {
+  if (openblas_get_num_threads != nullptr && openblas_set_num_threads != nullptr) {
+    before_ = openblas_get_num_threads();
+    if (before_ > 1) {
       openblas_set_num_threads(1);
     }
   }
-  ~OneThread() {
-    if (before_ > 0) {
-      openblas_set_num_threads(before_);
-    }
+}
+
+OneThread::~OneThread() {
+  if (before_ > 1) {
+    openblas_set_num_threads(before_);
   }
-  OneThread(const OneThread&) = delete;
-  OneThread& operator=(const OneThread&) = delete;
-  OneThread(OneThread&&) = delete;
-  OneThread& operator=(OneThread&&) = delete;
-
- private:
-  int before_ = 0;
-};
-
-}  // namespace
+}
 
 void side_by_side(const std::vector<std::size_t>& order,
-                  const std::function<void(std::size_t)>& work) {
-  const auto count = std::min(order.size(), static_cast<std::size_t>(threads_of_algebra()));
+                  const std::function<void(std::size_t)>& work, int threads) {
+  const auto count = std::min(order.size(), static_cast<std::size_t>(threads));
   if (count < 2) {
     std::vector<std::size_t> sorted = order;  // the first that fails has the smallest number
     std::ranges::sort(sorted);

@@ -222,9 +222,26 @@ void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
   std::ranges::stable_sort(order, std::greater<>(),
                            [&bodies](std::size_t b) { return bodies[b].size; });
   std::vector<std::unique_ptr<Body>> made(bodies.size());
-  side_by_side(order, [&](std::size_t b) {
+  const auto make = [&](std::size_t b) {
     made[b] = std::make_unique<Body>(std::move(bodies[b]), sides.of_body[b], options, old[b]);
-  });
+  };
+  // one that would keep a thread busy for long after all others is made by all of them
+  const auto work = [&bodies](std::size_t b) {
+    return std::pow(static_cast<double>(bodies[b].size), 5.0 / 3.0);
+  };
+  double left = 0.0;
+  for (const std::size_t b : order) {
+    left += work(b);
+  }
+  constexpr double too_much = 1.3;
+  const double threads = threads_of_algebra();
+  auto rest = order.begin();
+  for (; rest != order.end() && threads * work(*rest) > too_much * left; ++rest) {
+    left -= work(*rest);
+    make(*rest);
+  }
+  order.erase(order.begin(), rest);
+  side_by_side(order, make);
   bodies_.reserve(bodies.size());
   for (const std::unique_ptr<Body>& body : made) {
     bodies_.push_back(std::move(*body));

@@ -13,10 +13,28 @@ namespace latin {
 /// Collective. @return threads that a rank may use
 int bound_threads(const Communicator& communicator);
 
-/// Call `work` of every number in `order`, which begin in this order, on as many threads as the linear algebra has
-/// (OMP_NUM_THREADS, bound_threads()); that works on one thread meanwhile. All are called, also after one has failed.
+/// Threads of the linear algebra; 1 where that cannot be asked.
+[[nodiscard]] int threads_of_algebra();
+
+/// One thread of the linear algebra, as long as this lives.
+class OneThread {
+ public:
+  OneThread();
+  ~OneThread();
+  OneThread(const OneThread&) = delete;
+  OneThread& operator=(const OneThread&) = delete;
+  OneThread(OneThread&&) = delete;
+  OneThread& operator=(OneThread&&) = delete;
+
+ private:
+  int before_ = 0;
+};
+
+/// Call `work` of every number in `order`, which begin in this order, on some threads, as many as the linear algebra has
+/// (OMP_NUM_THREADS, bound_threads()) if nothing else is said; that works on one thread meanwhile. All are called, also
+/// after one has failed.
 /// @throws what the work of the smallest number that failed has thrown
 void side_by_side(const std::vector<std::size_t>& order,
-                  const std::function<void(std::size_t)>& work);
+                  const std::function<void(std::size_t)>& work, int threads = threads_of_algebra());
 
 }  // namespace latin
