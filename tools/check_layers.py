@@ -130,6 +130,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "multigrid",
         "subspace",
         "rank_checkpoint",
+        "parts_checkpoint",
         "fingerprint",
         "spread",
         "solver",
@@ -181,6 +182,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "estimate": (
         "recovery",
+        "cells",
         "unseen",
         "mesh_error",
         "errors",
