@@ -37,11 +37,14 @@ class Layout(NamedTuple):
         Rows and columns of a state.
     bodies
         Names of the parts of every body.
+    active
+        All active interfaces, on any rank.
     """
 
     rows: Mapping[str, Mapping[int, tuple[int, int]]]
     shape: tuple[int, int]
     bodies: Sequence[Sequence[str]]
+    active: Sequence[str]
 
     def named(self, arrays: Mapping[str, npt.ArrayLike]) -> Arrays:
         """Arrays of this rank by interface and side."""
@@ -52,9 +55,14 @@ class Layout(NamedTuple):
                 for side, (first, count) in sides.items():
                     out[f"{kind}:{name}:{side}"] = state[first : first + count]
         column, body = (int(each) for each in np.asarray(arrays["worst"]))
+        out["interfaces"] = np.array(list(self.active), dtype=np.str_)
         out["column"] = np.array(column)
         out["part"] = np.array(self.bodies[body][0] if 0 <= body < len(self.bodies) else "")
         return out
+
+    def has_all(self, arrays: Mapping[str, npt.NDArray[Any]]) -> bool:
+        """Whether a point has all active interfaces: one of a run with fewer of them has not."""
+        return set(self.active) <= set(map(str, np.ravel(arrays.get("interfaces", self.active))))
 
     def wanted(self) -> set[str]:
         """Names of the arrays of states that this rank needs."""
@@ -63,7 +71,7 @@ class Layout(NamedTuple):
     def own(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Arrays:
         """Arrays of this rank from those by interface and side; what is not there, or does not fit, is left
         out."""
-        names = {"column", "part", *self.wanted()}
+        names = {"column", "part", "interfaces", *self.wanted()}
         out = {name: value for name, value in arrays.items() if name not in names}
         for kind in _STATE:
             state = np.zeros(self.shape)
@@ -92,7 +100,7 @@ def _joined(headers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     for header in headers:
         for name, value in header.items():
             facts.setdefault(name, value)
-    return dict(sorted(facts.items()))
+    return facts
 
 
 class PartsCheckpoint:
@@ -135,9 +143,10 @@ class PartsCheckpoint:
         if self._comm is None:
             assert self._file is not None
             for number, arrays in self._file:
-                yield number, self._layout.own(arrays)
+                if self._layout.has_all(arrays):
+                    yield number, self._layout.own(arrays)
             return
-        stored = iter(self._file or ())
+        stored = ((n, arrays) for n, arrays in self._file or () if self._layout.has_all(arrays))
         while True:
             of_ranks: list[Any] = [None] * int(self._comm.size)
             with agreement(self._comm):

@@ -270,7 +270,7 @@ class Solver:
                 rows[name] = {side: (start, count) for side, start in starts if start >= 0}
         shape = self.rows, self.plan.amplitudes.shape[1]
         first, count = self._first_body, len(self.costs)
-        return Layout(rows, shape, self.bodies[first : first + count])
+        return Layout(rows, shape, self.bodies[first : first + count], self.plan.active)
 
     def _over_ranks(self, points: SweepPoints) -> None:
         """Of the largest errors that the ranks have seen, the place of the largest; collective."""
