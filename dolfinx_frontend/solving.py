@@ -13,10 +13,17 @@ from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy.typing as npt
 from latin_core import Iteration, NumericalError, Options, State
+from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
-from dolfinx_frontend.common.checks import checked_flag, checked_number, checked_word, is_real
+from dolfinx_frontend.common.checks import (
+    check_optional_kind,
+    checked_flag,
+    checked_number,
+    checked_word,
+    is_real,
+)
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
@@ -69,6 +76,7 @@ def solve(
     progress: bool = True,
     absolute: float | None = None,
     relative_to: Literal["value", "deviation"] = "value",
+    comm: Any = None,
 ) -> Result | SampleResult: ...
 
 
@@ -163,6 +171,7 @@ def solve(
     max_seconds: float | None = None,
     absolute: float | None = None,
     relative_to: Literal["value", "deviation"] = "value",
+    comm: Any = None,
 ) -> Result | SampleResult:
     """Solve a problem.
 
@@ -210,6 +219,9 @@ def solve(
     max_unknowns, max_seconds
         Of a scene: the budget of its meshes, in unknowns of all parts (None: 400 000) and in seconds (None:
         no limit). Where it ends, ``result.errors()`` says what is left.
+    comm
+        Of a scene: mpi4py communicator over which its parts are spread, as for
+        :func:`dolfinx_frontend.assemble`; collective. A problem has the ranks that it was assembled over.
 
     Returns
     -------
@@ -238,6 +250,9 @@ def solve(
     settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
     check_running("solve", callback, progress)
     compared = _compared(accuracy, quantity, absolute, relative_to)
+    check_optional_kind("solve", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
+    if comm == MPI.COMM_NULL:
+        raise SceneError("solve: comm is MPI.COMM_NULL, or was freed; give another, or None")
     if isinstance(problem, Scene) and accuracy is not None:
         given_too = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in (given_too | {"meshes": None if meshes else meshes}).items():
@@ -254,10 +269,13 @@ def solve(
             max_seconds=max_seconds,
             progress=progress,
             compared=compared,
+            comm=comm,
             **settings,
         )
     check_problem("solve", problem, plan)
     assert isinstance(problem, Problem)  # a scene was refused
+    if comm is not None:
+        raise SceneError("solve: comm is of a scene; a problem has its ranks: assemble(scene, comm=...)")
     if max_unknowns is not None or max_seconds is not None:
         raise SceneError("max_unknowns and max_seconds are the budget of meshes: solve(scene, accuracy=...)")
     told = {"chaos": chaos, "indefinite": indefinite, "accuracy": accuracy, "quantity": quantity}

@@ -131,6 +131,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "multigrid",
         "subspace",
         "rank_checkpoint",
+        "parts_checkpoint",
         "fingerprint",
         "spread",
         "solver",
@@ -182,6 +183,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "estimate": (
         "recovery",
+        "cells",
         "unseen",
         "mesh_error",
         "errors",

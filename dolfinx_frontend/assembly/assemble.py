@@ -7,7 +7,7 @@ the traces, weights and frames of every interface.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -52,7 +52,7 @@ from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
 
-__all__ = ["assemble", "assembled_again"]
+__all__ = ["assemble", "assembled_again", "placed"]
 
 _log = logging.getLogger(__name__)
 
@@ -101,8 +101,15 @@ def assemble(
         return _checked_assembly(scene, progress, comm)
 
 
-def assembled_again(scene: Scene, before: Problem, progress: Callable[[str], None] | None = None) -> Problem:
-    """Assemble a scene of which some parts were assembled before; on one rank.
+def placed(scene: Scene, comm: Any) -> dict[str, int]:
+    """Part -> the rank of a communicator that it belongs to; None: there is one rank."""
+    return place(scene.substructures, 1 if comm is None else comm.size, _kept_together(scene))
+
+
+def assembled_again(
+    scene: Scene, before: Problem, progress: Callable[[str], None] | None = None, *, comm: Any = None
+) -> Problem:
+    """Assemble a scene of which some parts were assembled before; collective.
 
     Parts with the same mesh and degree are the same objects again, and so are interfaces between these that
     nothing else changes.
@@ -110,10 +117,12 @@ def assembled_again(scene: Scene, before: Problem, progress: Callable[[str], Non
     Parameters
     ----------
     before
-        Of the same scene with other meshes of some parts.
+        Of the same scene with other meshes of some parts, over the same ranks.
+    comm
+        As for :func:`assemble`; every part has the rank that it had.
     """
     # inertia relief changes the loads of all parts
-    return _checked_assembly(scene, progress, None, before if scene.densities is None else None)
+    return _checked_assembly(scene, progress, comm, before if scene.densities is None else None)
 
 
 def _checked_assembly(
@@ -163,7 +172,7 @@ def _assemble(
         end_all_on_errors(comm)
         check_alike(comm, "assemble", _described(scene))
         bound_threads(comm.py2f())
-    owner = place(scene.substructures, 1 if comm is None else comm.size, _kept_together(scene))
+    owner = placed(scene, comm)
     rank = 0 if comm is None else comm.rank
 
     _check_ties(scene, owner)
@@ -181,7 +190,11 @@ def _assemble(
             for other, faces in copies.items()
         }
     held.update({where: each for where, each in swap(comm, told).items() if each is not None})
-    interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm, before)
+    kept: set[str] = set()
+    if before is not None:
+        kept = {name for name, s in substructures.items() if s is before.substructures.get(name)}
+        kept = kept if comm is None else set().union(*exchanged(comm, kept))
+    interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm, before, kept)
     relief: dict[str, Interface] = {}
     with agreement(comm):
         if scene.densities is not None and owner[next(iter(scene.substructures))] == rank:
@@ -201,7 +214,10 @@ def _assemble(
         laws = {name: joint.law for name, joint in scene.interfaces.items()}
         for of_relief in exchanged(comm, {name: each.law for name, each in relief.items()}):
             laws |= of_relief
-        interfaces = {name: replace(interfaces[name], law=law) for name, law in laws.items()}
+        interfaces = {
+            name: interfaces[name] if interfaces[name].law is law else replace(interfaces[name], law=law)
+            for name, law in laws.items()
+        }
     parts = {name: summaries[name] for name in scene.substructures}
     if len({part.dim for part in parts.values()}) > 1:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
@@ -236,6 +252,7 @@ def _assemble(
         interfaces,
         Distribution(comm, owner, parts, tuple(amplitudes)),
         loads,
+        dict(held),
         spread={name: each.condensed for name, each in spread.items()},
     )
 
@@ -372,15 +389,15 @@ def _same_held(one: Held | None, other: Held | None) -> bool:
 def _known_interface(
     before: Problem | None,
     spec: InterfaceSpec,
-    substructures: Mapping[str, Substructure],
+    kept: Container[str],
     held: Mapping[_Where, Held],
 ) -> Interface | None:
-    """An interface as it was assembled before; None: something of it is new."""
+    """An interface as it was assembled before; None: something of it is new. `kept` parts are as before, on
+    whatever rank."""
     if before is None or spec.name not in before.interfaces:
         return None
     for number, face in enumerate(spec.faces):
-        part = face.substructure
-        if substructures[part] is not before.substructures.get(part):
+        if face.substructure not in kept:
             return None
         if not _same_held(held.get((spec.name, number)), before.held.get((spec.name, number))):
             return None
@@ -457,6 +474,7 @@ def _own_interfaces(
     say: Callable[[str], None],
     comm: Any,
     before: Problem | None,
+    kept: Container[str],
 ) -> dict[str, Interface]:
     """Interfaces that touch this rank; `elsewhere` has the faces that are on other ranks."""
     interfaces = {}
@@ -466,7 +484,7 @@ def _own_interfaces(
             if rank not in ranks:
                 continue
             say(f"interface {name}")
-            known = _known_interface(before, joint, substructures, held)
+            known = _known_interface(before, joint, kept, held)
             if known is not None:
                 interfaces[name] = known
                 continue

@@ -146,12 +146,12 @@ class Problem(OneProcess):
         """This rank; 0 where there is one."""
         return 0 if self.distribution is None else self.distribution.rank
 
-    def gather(self, own: Mapping[str, T]) -> dict[str, T]:
-        """What the ranks know of interfaces, put together, in the scene's order; collective."""
+    def gather(self, own: Mapping[str, T], parts: bool = False) -> dict[str, T]:
+        """What the ranks know of interfaces, or of parts, put together, in the scene's order; collective."""
         known = dict(own)
         if self.comm is not None:
             known = {n: each for found in exchanged(self.comm, known) for n, each in found.items()}
-        return {name: known[name] for name in self.interfaces if name in known}
+        return {name: known[name] for name in (self.parts if parts else self.interfaces) if name in known}
 
     def everywhere(self, name: str, read: Callable[[], T]) -> T:
         """What the rank of an interface's first side reads, on all ranks; collective."""

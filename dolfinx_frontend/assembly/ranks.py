@@ -252,7 +252,7 @@ def one_call(comm: Any, call: str) -> Iterator[None]:
 
 def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Decorator: a function of a problem or a result that all ranks call, see :func:`one_call`: those of the
-    problem, and those of an argument ``points_comm``."""
+    problem, and those of an argument ``points_comm`` or ``comm``."""
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         @functools.wraps(function)
@@ -260,9 +260,9 @@ def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
             first: Any = args[0] if args else kwargs.get("problem", kwargs.get("result"))
             distribution = getattr(getattr(first, "problem", first), "distribution", None)
             comm = getattr(distribution, "comm", None)
-            points = kwargs.get("points_comm")
-            over = isinstance(points, MPI.Intracomm) and points != MPI.COMM_NULL
-            with one_call(own_communicator(points) if over else None, call), one_call(comm, call):
+            given = kwargs.get("points_comm", kwargs.get("comm"))
+            over = isinstance(given, MPI.Intracomm) and given != MPI.COMM_NULL
+            with one_call(own_communicator(given) if over else None, call), one_call(comm, call):
                 return function(*args, **kwargs)
 
         return called

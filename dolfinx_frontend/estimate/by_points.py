@@ -15,6 +15,7 @@ from dolfinx_frontend.estimate.errors import (
     FINEST,
     change_of,
     complete,
+    over_ranks,
     size_of,
     whole_of,
 )
@@ -283,10 +284,9 @@ def _most_samples(result: ChaosResult) -> int:
     while most > MOST_SAMPLES:
         way = Way(result.random, points=most)
         of_all = price(
-            result.problem, plan.active, result.solver.total_rows, plan.options, way, result.steps,
-            bool(plan.macro)
+            result.problem, plan.active, result.solver.rows, plan.options, way, result.steps, bool(plan.macro)
         )
-        if of_all.seconds * speed() <= CHEAP and result.problem.comm is None:
+        if over_ranks(result, of_all.seconds * speed()) <= CHEAP:
             return most
         most //= 2
     return MOST_SAMPLES

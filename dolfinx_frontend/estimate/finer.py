@@ -8,20 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import ufl
 from basix.ufl import element
-from dolfinx.mesh import compute_midpoints as midpoints
 from scipy.spatial import cKDTree
 from ufl.domain import extract_domains
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.cells import Cells
 from dolfinx_frontend.geometry.finer import SIMPLICES, bisected, cell_sizes, halved, size_field
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
@@ -84,16 +85,20 @@ class Finer:
 def finer(
     scene: Scene,
     problem: Problem,
+    meshes: Mapping[str, Cells],
     cells: Mapping[str, Array],
     fall: float,
     edges: Mapping[str, Array],
     unseen: Collection[str] = (),
     means: Collection[str] = (),
 ) -> Finer:
-    """Finer meshes of those parts that decide.
+    """Finer meshes of those parts that decide; collective: a part is meshed on its rank, and all ranks know
+    what was done.
 
     Parameters
     ----------
+    meshes
+        Part -> the cells that it has.
     cells
         Part -> (cells,), what each contributes, in any unit.
     fall
@@ -109,7 +114,7 @@ def finer(
     total = sum(sums.values())
     left, alone = 0.0, []
     # those first whose finer meshes would cost most for what they bring
-    for name in sorted(sums, key=lambda n: sums[n] / problem.substructures[n].size):
+    for name in sorted(sums, key=lambda n: sums[n] / problem.parts[n].size):
         if left + sums[name] > LEFT_ALONE * fall * total:
             break
         left += sums[name]
@@ -133,31 +138,48 @@ def finer(
             if number == 0 or name not in edges or problem.dim == 2:
                 at_edges.add(side.substructure)
             each = ratios.setdefault(side.substructure, np.ones(len(cells[side.substructure])))
-            beside, at = _face_cells(problem, side.substructure, side.face)
-            size = cell_sizes(scene.substructures[side.substructure].part.mesh)[beside]
+            beside, at = meshes[side.substructure].faces[side.face]
+            size = meshes[side.substructure].sizes[beside]
             distance, _ = cKDTree(places).query(at)
             near = beside[distance <= 1.5 * size]
             each[near] = np.minimum(each[near], 0.5)
-    _as_fine_as_the_other_side(scene, problem, ratios)
+    _as_fine_as_the_other_side(problem, meshes, ratios)
+    made: dict[str, SubstructureSpec] = {}
+    own: dict[str, _Done] = {}
+    with agreement(problem.comm):
+        for name, ratio in ratios.items():
+            if ratio.min() > WORTH or name not in problem.own.substructures:
+                continue
+            spec = scene.substructures[name]
+            try:
+                edge = name in at_edges
+                new, how = _finer_part(spec, ratio, not edge and _spread(cells[name]), edge)
+            except SceneError as error:
+                own[name] = _Done(str(error).splitlines()[0])
+                continue
+            if new is None:
+                own[name] = _Done(how)
+                continue
+            made[name] = new
+            count = _count(new) / _count(spec)
+            own[name] = _Done(how, new.degree, count * (new.degree / spec.degree) ** spec.dim)
     found = Finer({}, {}, {}, {})
-    for name, ratio in ratios.items():
-        spec = scene.substructures[name]
-        if ratio.min() > WORTH:
+    for name, done in problem.gather(own, parts=True).items():
+        if done.degree is None:
+            found.stuck[name] = done.how
             continue
-        try:
-            edge = name in at_edges
-            new, how = _finer_part(spec, ratio, not edge and _spread(cells[name]), edge)
-        except SceneError as error:
-            found.stuck[name] = str(error).splitlines()[0]
-            continue
-        if new is None:
-            found.stuck[name] = how
-            continue
-        found.specs[name], found.how[name] = new, how
-        d = spec.dim
-        count = _count(new) / _count(spec)
-        found.growth[name] = count * (new.degree / spec.degree) ** d
+        # of a part of another rank its degree is all that is known here
+        found.specs[name] = made.get(name) or replace(scene.substructures[name], degree=done.degree)
+        found.how[name], found.growth[name] = done.how, done.growth
     return found
+
+
+class _Done(NamedTuple):
+    """What was done to a part, or, without a degree, why nothing was."""
+
+    how: str
+    degree: int | None = None
+    growth: float = 1.0
 
 
 def _count(spec: SubstructureSpec) -> int:
@@ -199,38 +221,26 @@ def _ratios(dim: int, cells: Mapping[str, Array], wanted: float) -> dict[str, Ar
     return found
 
 
-def _as_fine_as_the_other_side(scene: Scene, problem: Problem, ratios: dict[str, Array]) -> None:
+def _as_fine_as_the_other_side(
+    problem: Problem, meshes: Mapping[str, Cells], ratios: dict[str, Array]
+) -> None:
     """Where an interface holds at the points of its first side, this side must be as fine as the second one:
     between the points nothing would hold that."""
-    wanted = {}
-    for name in problem.substructures:
-        own = cell_sizes(scene.substructures[name].part.mesh)
-        wanted[name] = own * ratios.get(name, np.ones(len(own)))
+    wanted = {name: each.sizes * ratios.get(name, 1.0) for name, each in meshes.items()}
     for _ in range(2):  # a part may pass it on
         for name, interface in problem.interfaces.items():
             if interface.space != "points" or len(interface.sides) != 2:
                 continue
             (first, at_first), (second, at_second) = (
-                _face_cells(problem, side.substructure, side.face) for side in interface.sides
+                meshes[side.substructure].faces[side.face] for side in interface.sides
             )
             one, other = (wanted[side.substructure] for side in interface.sides)
             _, near = cKDTree(at_first).query(at_second)
             np.minimum.at(one, first[near], other[second])
     for name, sizes in wanted.items():
-        own = cell_sizes(scene.substructures[name].part.mesh)
+        own = meshes[name].sizes
         if name in ratios or (sizes < own / np.sqrt(2.0)).any():
             ratios[name] = sizes / own
-
-
-def _face_cells(problem: Problem, part: str, face: str) -> tuple[Ints, Array]:
-    """Cells (k,) beside the facets of a face, and the middles of these facets (k, d)."""
-    each = problem.substructures[part].part
-    facets = np.asarray(each.facet_tags.find(each.names[face]), dtype=np.int32)
-    d = each.mesh.topology.dim
-    each.mesh.topology.create_connectivity(d - 1, d)
-    links = each.mesh.topology.connectivity(d - 1, d)
-    cells = np.array([links.links(int(facet))[0] for facet in facets], dtype=np.int64)
-    return cells, np.asarray(midpoints(each.mesh, d - 1, facets))[:, : each.mesh.geometry.dim]
 
 
 def _spread(contributions: Array) -> bool:

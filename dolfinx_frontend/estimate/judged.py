@@ -16,11 +16,12 @@ from latin_core import Options
 from scipy.special import ndtr
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
-from dolfinx_frontend.estimate.errors import beside_what_acts, complete, errors
+from dolfinx_frontend.estimate.cells import Cells, cells_of
+from dolfinx_frontend.estimate.errors import beside_what_acts, complete, errors, over_ranks
 from dolfinx_frontend.estimate.levels import (
     OF_COARSE,
     CoarsePoints,
@@ -103,6 +104,10 @@ class Judged:
         Values of random loads that the answer is for instead of their means, as ``with_laws`` takes them.
     share
         Error of its meshes, as it is believed.
+    meshes, cells
+        Part -> its cells, and what each contributes: of all parts, on all ranks.
+    comm
+        The communicator of the user's whose ranks share the parts; None: there is one.
     """
 
     def __init__(
@@ -113,8 +118,9 @@ class Judged:
         max_unknowns: int,
         max_seconds: float | None,
         progress: bool,
+        comm: Any = None,
     ) -> None:
-        self.scene = copy(scene)
+        self.scene, self.comm = copy(scene), comm
         self.accuracy, self.asked_for = accuracy, quantity
         self.max_unknowns, self.max_seconds, self.shown = max_unknowns, max_seconds, progress
         self.quantity: Wanted | None = None
@@ -142,6 +148,8 @@ class Judged:
         self.estimates: list[float] = []
         self.by_part: list[dict[str, float]] = []
         self.edges: dict[str, Array] = {}
+        self.meshes: dict[str, Cells] = {}
+        self.cells: dict[str, Array] = {}
         self.unseen: dict[str, float] = {}
         self.stays: dict[str, float] = {}
         self.began = perf_counter()
@@ -150,7 +158,7 @@ class Judged:
         self, problem: Problem, changed: dict[str, str], method: Method, options: Options, **settings: Any
     ) -> None:
         """Solve on the present meshes, and measure."""
-        self.problem = problem
+        self.problem, self.meshes = problem, cells_of(problem)
         result = self._at(problem, self.result, method, options, settings)
         if not self.steps and self._acts_far_from_the_means(result, method, options, settings):
             result = self._at(problem, None, method, options, settings)
@@ -176,7 +184,7 @@ class Judged:
             estimate = sure = found.energy if self.quantity is None else np.nan
         self._count_unseen(found, value)
         of_unseen, stays = sum(self.unseen.values()), sum(self.stays.values())
-        self.cells = found.cells
+        self.cells = problem.gather(found.cells, parts=True)
         if of_loads is not None and of_quantity:
             # of the deviation, which the answer at the means may know nothing of
             largest = share_of(of_loads.quantity, of_loads.std)
@@ -184,7 +192,7 @@ class Judged:
             if largest > estimate or not isfinite(of_mean):
                 self.cells = of_loads.cells
             elif isfinite(of_std):
-                self.cells = {n: of_mean * c + of_std * of_loads.cells[n] for n, c in found.cells.items()}
+                self.cells = {n: of_mean * c + of_std * of_loads.cells[n] for n, c in self.cells.items()}
             estimate, sure = max(estimate, largest), max(sure, share_of(of_loads.bound, of_loads.std))
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
@@ -208,8 +216,9 @@ class Judged:
         self.sure = sure
         self.share = ErrorShare(energy, absolute, None, how)
         self.places = places_of(result.problem, self.cells)
-        kept = (sum(bool(cost["kept"]) for cost in result.solver.costs), len(result.solver.costs))
-        seconds = perf_counter() - self.began
+        costs = result.solver.costs
+        kept = (over_ranks(result, sum(bool(each["kept"]) for each in costs)), over_ranks(result, len(costs)))
+        seconds = self._spent()
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
         # nor is the shape of a part whose cells turn by more than 45 degrees, nor all that means leave out
@@ -225,9 +234,16 @@ class Judged:
         self.confirmed = (second or alone) and seen_well
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
-        _log.info("%s", line)
-        if self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
+        if problem.rank == 0:
+            _log.info("%s", line)
+        if problem.rank == 0 and self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
+
+    def _spent(self) -> float:
+        """Seconds since the beginning, the same on all ranks."""
+        assert self.problem is not None
+        seconds, comm = perf_counter() - self.began, self.problem.comm
+        return seconds if comm is None else max(exchanged(comm, seconds))
 
     def _at(
         self,
@@ -267,7 +283,7 @@ class Judged:
         random = RandomLaws.of(problem)
         curved = any(not each.law.linear for each in problem.interfaces.values())
         found = loading(random)
-        if not (found and curved and problem.comm is None):
+        if not (found and curved):
             return False
         columns = sorted({c for _, source in found for c in random.space.columns(source)})
         sign = np.where(np.arange(len(columns)) % 2 == 0, 1.0, -1.0)
@@ -300,7 +316,7 @@ class Judged:
         random = RandomLaws.of(problem)
         loads = bool(loading(random))
         linear = all(each.law.linear for each in problem.interfaces.values())
-        if not (loads and linear and isinstance(self.quantity, Resultant) and problem.comm is None):
+        if not (loads and linear and isinstance(self.quantity, Resultant)):
             return None
         try:
             self.chaos = self._chaos_on(problem, method, options, settings)
@@ -331,14 +347,17 @@ class Judged:
         if found.quantity is None and self.quantity is not None:
             whole = 1.0  # guided by the energy
         if not self.steps:
-            assert self.result is not None
-            for name, each in of_crossing_chords(self.result.problem).items():
-                if not getattr(self.scene.substructures[name].part, "again", None):
+            assert self.problem is not None
+            with agreement(self.problem.comm):
+                crossing = of_crossing_chords(self.problem)
+            # of the ranks on both sides of a cut each knows its own part
+            for name, each in self.problem.gather(crossing, parts=True).items():
+                if not self.meshes[name].again:
                     self.stays[f"part {name!r}"] = each
         self.unseen = {f"interface {name!r}": share_of(e, whole) for name, e in found.means.items()}
         for name, error in found.round.items():
             each, where = share_of(error, whole), f"part {name!r}"
-            if getattr(self.scene.substructures[name].part, "again", None):
+            if self.meshes[name].again:
                 self.unseen[where] = each
             else:  # as on the first mesh: pieces of a chord do not turn
                 if not self.steps:
@@ -408,11 +427,7 @@ class Judged:
 
     def _of_chords(self) -> list[str]:
         """Parts of straight cells that may have another shape."""
-        return [
-            name
-            for name, spec in self.scene.substructures.items()
-            if getattr(spec.part, "again", None) and coordinate_map(spec.part.mesh).degree == 1
-        ]
+        return [name for name, each in self.meshes.items() if each.again and each.straight]
 
     def _fits(self) -> bool:
         assert self.result is not None

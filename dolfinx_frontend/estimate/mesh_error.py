@@ -31,7 +31,7 @@ from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.estimate.recovery import recovery
-from dolfinx_frontend.estimate.unseen import of_shapes, of_springs
+from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -86,8 +86,7 @@ class DiscretisationError:
         Substructure -> error of the quantity by its straight cells on round faces, in its unit; without a
         quantity of the energy, relative. In no other number here.
     means
-        Interface -> error of the quantity by springs on means over vertices or facets, likewise; on several
-        ranks only of interfaces whose sides are on one.
+        Interface -> error of the quantity by springs on means over vertices or facets, likewise.
     """
 
     energy: float
@@ -198,9 +197,7 @@ def discretisation_error(
         found = {}
         for name, part in problem.own.substructures.items():
             found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
-    if problem.comm is not None:
-        found = {n: each for some in exchanged(problem.comm, found) for n, each in some.items()}
-    found = {name: found[name] for name in problem.parts}
+    found = problem.gather(found, parts=True)
     # of rigid motions rounding may leave an energy below 0
     whole = float(np.sqrt(max(sum(each.norm for each in found.values()), 0.0)))
     if not np.isfinite(whole):
@@ -213,12 +210,11 @@ def discretisation_error(
     total = sum(found.values(), start=_Errors())
     energy = float(np.sqrt(total.error)) / whole if whole else 0.0
     size = value if quantity is not None and value is not None else whole**2
+    others = other_sides(problem, fields, z or fields)
     with agreement(problem.comm):
         shapes = of_shapes(problem, fields, z, size)
-        means = of_springs(problem, fields, z or fields)
-    if problem.comm is not None:  # all ranks decide alike
-        shapes = {n: each for some in exchanged(problem.comm, shapes) for n, each in some.items()}
-        means = {n: each for some in exchanged(problem.comm, means) for n, each in some.items()}
+        means = of_springs(problem, fields, z or fields, others)
+    shapes, means = problem.gather(shapes, parts=True), problem.gather(means)
     if quantity is None:
         squared = max(whole**2, 1e-300)
         shapes, means = ({n: 0.5 * e / squared for n, e in each.items()} for each in (shapes, means))
@@ -242,7 +238,7 @@ def discretisation_error(
 
 
 class DeviationError(NamedTuple):
-    """Estimated error of a deviation by the meshes; see `DiscretisationError`."""
+    """Estimated error of a deviation by the meshes; see `DiscretisationError`. `cells` of all parts."""
 
     std: float
     quantity: float
@@ -251,7 +247,7 @@ class DeviationError(NamedTuple):
 
 
 def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> DeviationError:
-    """Estimate what the meshes do to the deviation of a quantity, on one rank.
+    """Estimate what the meshes do to the deviation of a quantity; collective.
 
     Each mode of a chaos is the answer to loads of its own; its error is weighted with the dual solution at
     the means. Errors of modes are added as if none cancelled another: sqrt(sum of squares). How the
@@ -273,19 +269,24 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
     if z is None or std == 0.0:
         return DeviationError(std, 0.0, 0.0, {})
     dual = z.solve()
-    sums, whole_dual = np.zeros((count, 3)), 0.0
-    cells = {}
-    for name, part in result.problem.own.substructures.items():
-        block = chaos.coefficients(name)
-        own: Array | float = 0.0
-        for row, mode in zip(sums, order[:count], strict=True):
-            u = block[..., 1 + mode]
-            by_cell = recovery(part).energies([u if u.ndim == 1 else u[-1], dual[name]])
-            row += by_cell[0, 0].sum(), by_cell[0, 1].sum(), np.sum(by_cell[0, 1] ** 2)
-            own = own + by_cell[0, 0]
-        of_dual = by_cell[1, 1]
-        cells[name] = np.sqrt(np.maximum(own * of_dual, 0.0))
-        whole_dual += float(of_dual.sum())
+    found: dict[str, tuple[Array, float, Array]] = {}  # sums (modes, 3), a(e_z), by cell
+    problem = result.problem
+    with agreement(problem.comm):
+        for name, part in problem.own.substructures.items():
+            block = chaos.coefficients(name)
+            own: Array | float = 0.0
+            sums = np.zeros((count, 3))
+            for row, mode in zip(sums, order[:count], strict=True):
+                u = block[..., 1 + mode]
+                by_cell = recovery(part).energies([u if u.ndim == 1 else u[-1], dual[name]])
+                row += by_cell[0, 0].sum(), by_cell[0, 1].sum(), np.sum(by_cell[0, 1] ** 2)
+                own = own + by_cell[0, 0]
+            of_dual = by_cell[1, 1]
+            found[name] = sums, float(of_dual.sum()), np.sqrt(np.maximum(own * of_dual, 0.0))
+    found = problem.gather(found, parts=True)
+    cells = {name: by_part for name, (_, _, by_part) in found.items()}
+    sums = np.sum([of_part for of_part, _, _ in found.values()], axis=0)
+    whole_dual = sum(of_part for _, of_part, _ in found.values())
     each = np.maximum(np.abs(sums[:, 1]), np.sqrt(sums[:, 2]))
     bound = float(np.sqrt(sums[:, 0].sum() * whole_dual))
     return DeviationError(std, missed * float(np.linalg.norm(each)), missed * bound, cells)

@@ -15,24 +15,26 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from math import isfinite
-from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
 
-from dolfinx_frontend.assembly.assemble import assemble, assembled_again
+from dolfinx_frontend.assembly.assemble import assemble, assembled_again, placed
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, check_alike, exchanged, own_communicator
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough, with_errors
+from dolfinx_frontend.estimate.cells import cells_of
 from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with, not_known
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import MARGIN, Judged
 from dolfinx_frontend.estimate.levels import of_two_meshes
 from dolfinx_frontend.estimate.zones import soft_springs
+from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -84,6 +86,7 @@ def solve_scene(
     max_seconds: float | None = None,
     progress: bool = True,
     compared: Compared | None = None,
+    comm: Any = None,
 ) -> Result | SampleResult:
     """Solve a scene until the error of a quantity is at most `accuracy`, that of its meshes included.
 
@@ -101,6 +104,9 @@ def solve_scene(
         A line for each mesh, if on a terminal.
     compared
         What errors are relative to; None: as the quantity says.
+    comm
+        mpi4py communicator over which the parts are spread, as for :func:`assemble`; collective. A part is
+        meshed again on its rank, which it has from the beginning.
 
     Returns
     -------
@@ -115,7 +121,12 @@ def solve_scene(
         checked_whole("solve", "max_unknowns", max_unknowns, 1)
     if max_seconds is not None:
         checked_number("solve", "max_seconds", max_seconds, above=0.0)
-    search = _Meshes(scene, accuracy, quantity, max_unknowns or MOST_UNKNOWNS, max_seconds, progress)
+    if comm is not None and comm.size > 1:
+        given = {"accuracy": accuracy, "quantity": quantity, "method": method, "compared": compared}
+        budget = {"max_unknowns": max_unknowns, "max_seconds": max_seconds}
+        settings = {"times": times, "active": active, "direction": direction, "options": options}
+        check_alike(own_communicator(comm), "solve", given | budget | settings)
+    search = _Meshes(scene, accuracy, quantity, max_unknowns or MOST_UNKNOWNS, max_seconds, progress, comm)
     search.compared = compared
     return search.answer(method, times=times, active=active, direction=direction, options=options)
 
@@ -124,7 +135,10 @@ class _Meshes(Judged):
     """The search for meshes."""
 
     def answer(self, method: Method, **settings: Any) -> Result | SampleResult:
-        """The answer on meshes that fit; after Ctrl-C the last one that there is."""
+        """The answer on meshes that fit; after Ctrl-C the last one that there is.
+
+        On several ranks that is so of Ctrl-C in an iteration, which ends it on all of them.
+        """
         try:
             options = self._adapt(method, **settings)
             assert self.result is not None
@@ -144,8 +158,9 @@ class _Meshes(Judged):
                 )
             else:
                 found = tight_enough(self.result, self.accuracy, self.quantity, known=self.share)
-        except KeyboardInterrupt:
-            if self.result is None:
+        except KeyboardInterrupt as pressed:
+            alone = self.problem is None or self.problem.comm is None
+            if self.result is None or not (alone or isinstance(pressed, Interrupted)):
                 raise
             made = replace(
                 not_known(self.result, self.quantity),
@@ -201,19 +216,18 @@ class _Meshes(Judged):
 
     def _adapt(self, method: Method, **settings: Any) -> Options:
         """Solve on finer and finer meshes; returns the options of the way."""
-        for name, spec in self.scene.substructures.items():
-            self.scene.substructures[name] = spec.made()
-        problem = assemble(self.scene)
+        self._make_parts()
+        problem = assemble(self.scene, comm=self.comm)
         for name, joint in self.scene.interfaces.items():
             if joint.space == "points" and len(joint.faces) == 2 and joint.law.rigid:
                 # which asks for meshes that match, and these may not any more
                 self.scene.interfaces[name] = replace(joint, space="auto")
-        soft = soft_springs(self.scene, problem)
+        soft = soft_springs(self.scene, problem, cells_of(problem))
         for name in soft:
             self.scene.interfaces[name] = replace(self.scene.interfaces[name], space="points")
         if any(problem.interfaces[name].space != "points" for name in soft):
             others = {name: each for name, each in problem.interfaces.items() if name not in soft}
-            problem = assembled_again(self.scene, replace(problem, interfaces=others))
+            problem = assembled_again(self.scene, replace(problem, interfaces=others), comm=self.comm)
         self.quantity = compared_with(interest(problem.interfaces, self.asked_for), self.compared)
         self.random = bool(RandomLaws.of(problem).every)
         self.first = problem
@@ -239,6 +253,25 @@ class _Meshes(Judged):
                 return options
             self.before, (self.scene, problem) = problem, together
 
+    def _make_parts(self) -> None:
+        """Make the parts of this rank, which keeps them."""
+        spread = self.comm if self.comm is not None and self.comm.size > 1 else None
+        ranks = None if spread is None else own_communicator(spread)
+        for name, spec in self.scene.substructures.items():
+            if spec.spread:
+                raise SceneError(
+                    f"substructure {name!r}: its mesh is spread over the ranks, and gets no finer cells: give "
+                    "a function that makes it on COMM_SELF, or solve(assemble(scene, comm=...), accuracy=...)"
+                )
+        owner = placed(self.scene, spread)
+        with agreement(ranks):
+            for name, spec in self.scene.substructures.items():
+                here = ranks is None or owner[name] == ranks.rank
+                spec = spec.made() if here else spec.with_mean_stiffness()
+                if ranks is not None:
+                    spec = replace(spec, rank=owner[name])
+                self.scene.substructures[name] = spec
+
     def _assembled(
         self, scene: Scene, changed: Mapping[str, str], before: Problem
     ) -> tuple[Scene, Problem] | None:
@@ -247,7 +280,7 @@ class _Meshes(Judged):
         Two meshes of one round face cover each other but for what lies between their chords: that stays free.
         """
         try:
-            return scene, assembled_again(scene, before)
+            return scene, assembled_again(scene, before, comm=self.comm)
         except SceneError as error:
             _log.info("the faces of the next meshes may overlap partly: %s", error)
         for name, joint in scene.interfaces.items():
@@ -256,9 +289,12 @@ class _Meshes(Judged):
                 space = "auto" if joint.space == "points" else joint.space
                 scene.interfaces[name] = replace(joint, space=space, overlap="partial")
         try:
-            problem = assembled_again(scene, before)
+            problem = assembled_again(scene, before, comm=self.comm)
         except SceneError as error:
-            self.notes.append(f"the next meshes do not fit together: {str(error).splitlines()[0]}")
+            said = str(error).splitlines()[0]
+            if before.comm is not None:  # the error of one rank, of which the others know by its message
+                said = min(exchanged(before.comm, said), key=len)
+            self.notes.append(f"the next meshes do not fit together: {said}")
             return None
         for name, interface in problem.interfaces.items():
             lost = before.interfaces[name].covered - interface.covered
@@ -286,10 +322,10 @@ class _Meshes(Judged):
         unseen = {n for n in self.scene.substructures if f"part {n!r}" in large}
         unseen |= set(self._of_chords() if len(self.steps) == 1 else [])
         means = [n for n in self.scene.interfaces if f"interface {n!r}" in large]
-        parts = problem.substructures
+        parts = problem.parts
         for milder in (1.0, 0.5, 0.25):  # what the budget leaves
             step = fall**milder
-            found = finer(self.scene, problem, self.cells, step, self.edges, unseen, means)
+            found = finer(self.scene, problem, self.meshes, self.cells, step, self.edges, unseen, means)
             size = int(sum(each.size * found.growth.get(name, 1.0) for name, each in parts.items()))
             if size <= self.max_unknowns or not found.specs:
                 break
@@ -307,7 +343,7 @@ class _Meshes(Judged):
             )
             return None
         if self.max_seconds is not None:
-            spent = perf_counter() - self.began
+            spent = self._spent()
             last = spent - (self.steps[-2].seconds if len(self.steps) > 1 else 0.0)
             wanted = spent + last * (size / problem.size) ** 1.5
             if wanted > self.max_seconds:

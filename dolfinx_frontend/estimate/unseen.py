@@ -16,16 +16,18 @@ int k [u] . [z] less what their means have of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from dolfinx import mesh as dmesh
 from scipy.spatial import cKDTree
 
+from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, swap
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
@@ -33,7 +35,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.scene.laws import Elimination
 
-__all__ = ["of_crossing_chords", "of_shapes", "of_springs"]
+__all__ = ["of_crossing_chords", "of_shapes", "of_springs", "other_sides"]
 
 SHARP = np.pi / 4.0
 """Turns of normals above this are edges of the part."""
@@ -257,34 +259,85 @@ def extent(problem: Problem, interface: Interface, side: int = 0) -> float:
     return float(area / (2.0 * np.pi * np.average(interface.points[:, 0])))
 
 
-def of_springs(problem: Problem, fields: Mapping[str, Array], duals: Mapping[str, Array]) -> dict[str, float]:
-    """Interface of linear springs on means -> what these leave out of the quantity, in its unit, >= 0."""
+def _on_means(interface: Interface) -> bool:
+    """Whether an interface has linear springs on means."""
+    law = interface.law.nominal
+    if interface.space == "points" or law.elimination is not Elimination.SPRINGS:
+        return False
+    return law.linear and not law.unilateral and interface.covered >= 1.0 - 1e-3
+
+
+class OtherSide(NamedTuple):
+    """The side of an interface that is on another rank."""
+
+    face: FaceCopy
+    field: Array  # of the answer, at the nodes of the copy
+    dual: Array
+
+
+def other_sides(
+    problem: Problem, fields: Mapping[str, Array], duals: Mapping[str, Array]
+) -> dict[str, OtherSide]:
+    """Interface of linear springs on means whose first side is on this rank -> its second side, which is on
+    another one; collective."""
+    comm, spread = problem.comm, problem.distribution
+    if comm is None or spread is None:
+        return {}
+    outgoing: dict[int, dict[str, OtherSide]] = {}
+    with agreement(comm):
+        for name in problem.cuts:
+            interface = problem.interfaces[name]
+            first, second = (spread.owner[side.substructure] for side in interface.sides)
+            if not _on_means(interface) or problem.rank not in (first, second):
+                continue
+            told = outgoing.setdefault(first if problem.rank == second else second, {})
+            if problem.rank == second:
+                side = interface.sides[1]
+                part, where = problem.substructures[side.substructure], f"interface {name!r}"
+                nodes = copied_nodes(FacetMap(part.part, side.face, where), part.space)
+                both = (each[part.name].reshape(-1, part.dim)[nodes].ravel() for each in (fields, duals))
+                told[name] = OtherSide(face_copy(part.part, side.face, part.space, where), *both)
+    return swap(comm, outgoing)
+
+
+def of_springs(
+    problem: Problem,
+    fields: Mapping[str, Array],
+    duals: Mapping[str, Array],
+    others: Mapping[str, OtherSide],
+) -> dict[str, float]:
+    """Interface of linear springs on means -> what these leave out of the quantity, in its unit, >= 0, on the
+    rank of its first side. `others` are what :func:`other_sides` found."""
     out = {}
     for name, interface in problem.own.interfaces.items():
+        if not _on_means(interface):
+            continue
         law = interface.law.nominal
-        if interface.space == "points" or law.elimination is not Elimination.SPRINGS:
-            continue
-        if law.unilateral or not law.linear or interface.covered < 1.0 - 1e-3:
-            continue
-        sides = [problem.own.substructures.get(side.substructure) for side in interface.sides]
-        known = [s for s in sides if s is not None]
-        if len(known) < len(sides) or any(s.name not in fields for s in known):
+        known = [problem.own.substructures.get(side.substructure) for side in interface.sides]
+        labels = tuple((side.substructure, side.face) for side in interface.sides)
+        faces, spaces, u, z = [], [], [], []
+        for part, (owner, _) in zip(known, labels, strict=True):
+            if part is not None and part.name in fields:
+                faces.append(part.part)
+                spaces.append(part.space)
+                u.append(fields[owner])
+                z.append(duals[owner])
+            elif part is None and name in others:
+                faces.append(others[name].face)
+                spaces.append(others[name].face.space)
+                u.append(others[name].field)
+                z.append(others[name].dual)
+        if len(faces) < len(known):
             continue
         try:
             stiffness = law.stiffnesses(interface)
             at = make_interface(
-                name,
-                law,
-                tuple(s.part for s in known),
-                tuple((side.substructure, side.face) for side in interface.sides),
-                tuple(s.space for s in known),
-                space="points",
-                max_distance=10.0,
+                name, law, tuple(faces), labels, tuple(spaces), space="points", max_distance=10.0
             )
-            both = _energy(at, law.stiffnesses(at), fields, duals)
+            both = _energy(at, law.stiffnesses(at), u, z)
         except SceneError:
             continue
-        left = both - _energy(interface, stiffness, fields, duals)
+        left = both - _energy(interface, stiffness, u, z)
         # stiff springs follow the cells instead: what they leave out is then less than this says
         count = max(len(np.unique(interface.facets)), 1)
         size = (extent(problem, interface) / count) ** (1.0 / max(interface.dim - 1, 1))
@@ -294,13 +347,13 @@ def of_springs(problem: Problem, fields: Mapping[str, Array], duals: Mapping[str
     return out
 
 
-def _energy(interface: Interface, stiffness: Array, u: Mapping[str, Array], z: Mapping[str, Array]) -> float:
-    """int k [u] . [z] as the points of an interface have it."""
+def _energy(interface: Interface, stiffness: Array, u: Sequence[Array], z: Sequence[Array]) -> float:
+    """int k [u] . [z] as the points of an interface have it, of fields by side."""
     jumps = []
     for field in (u, z):
         jump = np.zeros(interface.num_points * interface.dim)
-        for number, side in enumerate(interface.sides):
-            sign = 1.0 if len(interface.sides) == 1 else 2.0 * number - 1.0
-            jump += sign * (interface.local_trace(number) @ field[side.substructure])
+        for number, own in enumerate(field):
+            sign = 1.0 if len(field) == 1 else 2.0 * number - 1.0
+            jump += sign * (interface.local_trace(number) @ own)
         jumps.append(jump.reshape(-1, interface.dim))
     return float(np.sum(interface.weights[:, None] * stiffness * jumps[0] * jumps[1]))

@@ -9,8 +9,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes
+from dolfinx_frontend.estimate.cells import Cells
 from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
@@ -38,7 +40,7 @@ CLOSED = 1e-6
 """Pressure relative to the largest above which a point of an interface counts as closed."""
 
 
-def soft_springs(scene: Scene, problem: Problem) -> list[str]:
+def soft_springs(scene: Scene, problem: Problem, meshes: Mapping[str, Cells]) -> list[str]:
     """Interfaces of springs that are softer than the cells beside them, whose space was left open.
 
     At points these hold exactly, whatever the meshes; means about vertices leave out how jumps vary between
@@ -51,7 +53,7 @@ def soft_springs(scene: Scene, problem: Problem) -> list[str]:
         interface, law = problem.interfaces[name], spec.law.nominal
         if law.elimination is not Elimination.SPRINGS or law.unilateral or not law.linear:
             continue
-        first, second = (len(_facets(problem, side.substructure, side.face)) for side in interface.sides)
+        first, second = (len(meshes[side.substructure].faces[side.face][0]) for side in interface.sides)
         size = (extent(problem, interface) / first) ** (1.0 / (interface.dim - 1))
         other = (extent(problem, interface, 1) / second) ** (1.0 / (interface.dim - 1))
         if np.any(interface.chords):
@@ -64,21 +66,18 @@ def soft_springs(scene: Scene, problem: Problem) -> list[str]:
     return found
 
 
-def _facets(problem: Problem, part: str, face: str) -> Ints:
-    """Facets of a face."""
-    each = problem.substructures[part].part
-    return np.asarray(each.facet_tags.find(each.names[face]), dtype=np.int64)
-
-
 def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
     """Active interface that may open -> its points (k, d) with closed and open ones around; and how many
-    closed points the zone with the fewest has in each direction, infinite where none has an edge."""
-    out, across = {}, np.inf
-    for name in result.plan.active:
-        interface = result.problem.interfaces[name]
-        if not interface.law.unilateral:
-            continue
-        force = np.asarray(result.force(name))
+    closed points the zone with the fewest has in each direction, infinite where none has an edge.
+
+    Collective.
+    """
+    out, across, problem = {}, np.inf, result.problem
+    own = [name for name in result.plan.active if problem.interfaces[name].law.unilateral]
+    with agreement(problem.comm):
+        forces = {name: np.asarray(result.force(name)) for name in own if problem.speaks_for(name)}
+    for name, force in problem.gather(forces).items():
+        interface = problem.interfaces[name]
         normal = force.reshape(-1, *force.shape[-2:])[-1][:, 0]
         closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
         if not closed.any() or (closed.all() and interface.covered > COVERED):
@@ -97,20 +96,24 @@ def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
 
 
 def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]:
-    """Parts by what their cells contribute, the largest first; those below a hundredth are left out."""
+    """Parts by what their cells contribute, the largest first; those below a hundredth are left out. All
+    ranks have the contributions of all parts. Collective."""
     sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
-    out = []
-    for name in sorted(sums, key=lambda n: -sums[n]):
-        if not sums[name] > 0.01 * total:
-            break
-        mesh = problem.substructures[name].part.mesh
-        worst = int(cells[name].argmax())
-        nodes = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[worst], : mesh.geometry.dim]
-        at = tuple(float(v) for v in nodes.mean(axis=0))
-        size = float(cell_sizes(mesh).min())
-        out.append(Place(name, sums[name] / total, at, len(cells[name]), size))
-    return tuple(out)
+    ranked = [name for name in sorted(sums, key=lambda n: -sums[n]) if sums[name] > 0.01 * total]
+    own = {}
+    with agreement(problem.comm):
+        for name in ranked:
+            if name not in problem.own.substructures:
+                continue
+            mesh = problem.substructures[name].part.mesh
+            worst = int(cells[name].argmax())
+            nodes = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[worst], : mesh.geometry.dim]
+            at = tuple(float(v) for v in nodes.mean(axis=0))
+            size = float(cell_sizes(mesh).min())
+            own[name] = Place(name, sums[name] / total, at, len(cells[name]), size)
+    found = problem.gather(own, parts=True)
+    return tuple(found[name] for name in ranked)
 
 
 def loading(random: RandomLaws) -> list[tuple[str, Source]]:
@@ -149,12 +152,12 @@ def values_of(random: RandomLaws, xi: Array) -> dict[str, Any]:
 
 
 def acted(result: Result, quantity: Wanted | None) -> float:
-    """Size of the quantity in an answer, or its energy norm."""
+    """Size of the quantity in an answer, or its energy norm; collective."""
     if quantity is not None:
         return abs(result.mean_std(quantity).mean)
-    total = 0.0
+    own = {}
     for name, part in result.problem.own.substructures.items():
         u = np.asarray(result.displacements[name])
         last = u if u.ndim == 1 else u[-1]
-        total += float(last @ (part.matrix @ last))
-    return float(np.sqrt(max(total, 0.0)))
+        own[name] = float(last @ (part.matrix @ last))
+    return float(np.sqrt(max(sum(result.problem.gather(own, parts=True).values()), 0.0)))

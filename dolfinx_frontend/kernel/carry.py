@@ -21,17 +21,19 @@ def carried(old: Solver, state: State, new: Solver) -> list[State]:
 
     Interfaces that both have keep their values; on others forces and traces are interpolated.
     """
-    if not new.rows or old.plan.active != new.plan.active or old.plan.columns != new.plan.columns:
-        return []
-    if old.problem.comm is not None:
+    if not new.total_rows or old.plan.active != new.plan.active or old.plan.columns != new.plan.columns:
         return []
     data = np.zeros((new.rows, state.data.shape[1]), order="F")
     traces = np.zeros_like(data)
     for name in new.plan.active:
+        if name not in new.problem.own.interfaces:
+            continue
         one, other = old.problem.interfaces[name], new.problem.interfaces[name]
         first, second = old.first_rows(name), new.first_rows(name)
         own, wanted = len(old.flexibility(name)), len(new.flexibility(name))
         for start, goal in zip(first, second, strict=True):
+            if goal < 0:  # the side is on another rank
+                continue
             here, there = slice(start, start + own), slice(goal, goal + wanted)
             k = old.directions[here, None]
             w = np.asarray(state.traces)[here]

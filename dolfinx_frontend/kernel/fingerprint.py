@@ -62,9 +62,6 @@ def fingerprint(
     facts |= {
         "method": plan.method,
         "active interfaces": list(plan.active),
-        "eliminated interfaces": {name: str(how) for name, how in plan.eliminated.items()},
-        "coarse problem": [*plan.macro, plan.moments],
-        "paired interfaces": list(plan.paired),
         "parts whose stiffness varies": [list(plan.scaled), list(plan.fields)],
         "search direction": [_plain(direction.factor), _plain(direction.length)],
         "given search directions": {name: _sums(k) for name, k in direction.given.items()},
@@ -104,11 +101,15 @@ KNOWN: dict[type, Callable[[Any], str]] = {
 
 
 def _problem(problem: Problem, times: npt.NDArray[np.float64]) -> Facts:
-    facts: Facts = {"parts": list(problem.substructures), "interfaces": list(problem.interfaces)}
+    facts: Facts = {"parts": list(problem.parts), "interfaces": list(problem.interfaces)}
     for part in problem.substructures.values():
         facts |= _part(part)
     for interface in problem.interfaces.values():
         facts |= _interface(interface, times)
+        for number, side in enumerate(interface.sides):
+            if side.substructure in problem.substructures:
+                matrix = csr(side.trace)
+                facts[f"trace {number + 1} of {interface.name!r}"] = [_structure(matrix), _sums(matrix.data)]
     for load in problem.loads.values():
         facts |= _load(load, times)
     return facts
@@ -142,7 +143,6 @@ def _part(part: Substructure) -> Facts:
 
 def _interface(interface: Interface, times: npt.NDArray[np.float64]) -> Facts:
     law, where = interface.law, f"of {interface.name!r}"
-    matrices = [csr(side.trace) for side in interface.sides if side.trace is not None]
     columns = [law.at(t).fields(interface, t) for t in times]
     if not columns or not (law.varying or law.history):
         columns = [law.nominal.fields(interface)]
@@ -151,7 +151,6 @@ def _interface(interface: Interface, times: npt.NDArray[np.float64]) -> Facts:
         f"sides {where}": [f"{side.substructure}:{side.face}" for side in interface.sides],
         f"points {where}": [_sums(interface.points), _sums(interface.weights), _sums(interface.gap)],
         f"frames {where}": _sums(interface.frames),
-        f"traces {where}": [[_structure(matrix), _sums(matrix.data)] for matrix in matrices],
         f"kind of the law {where}": f"{law.title} {columns[0].kind}, {columns[0].components} components",
         f"rows of the law {where}": _sums(columns[0].frames),
     }

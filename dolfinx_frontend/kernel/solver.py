@@ -36,9 +36,9 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict, read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.rank_checkpoint import RankCheckpoint
+from dolfinx_frontend.kernel.parts_checkpoint import Layout, PartsCheckpoint
 from dolfinx_frontend.kernel.running import Interrupt
-from dolfinx_frontend.kernel.spread import PointRanks, one_answer
+from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, one_answer
 from dolfinx_frontend.kernel.subspace import Answer, Subspace
 from dolfinx_frontend.plan.plan import Plan
 
@@ -230,9 +230,10 @@ class Solver:
         if self.problem.comm is None:
             self.problem.check_unchanged()
         own = self.problem.own.interfaces
-        file: Any = checkpoint
-        if checkpoint is not None and self.problem.comm is not None:
-            file = RankCheckpoint(self.problem.comm, checkpoint, header or {})
+        file: Any = None
+        with agreed_over(ranks):
+            if checkpoint is not None and (ranks is None or ranks.first):
+                file = PartsCheckpoint(self.problem.comm, checkpoint, header or {}, self._layout())
         with one_answer(ranks):
             points = kernel_sweep(
                 self._core,
@@ -256,6 +257,18 @@ class Solver:
             )
         self._over_ranks(points)
         return points if check is not None else locked(points)
+
+    def _layout(self) -> Layout:
+        """What of a state is on this rank."""
+        rows = {}
+        for name in self.plan.active:
+            if name in self.problem.own.interfaces:
+                count = len(self.flexibility(name))
+                starts = enumerate(self.first_rows(name))
+                rows[name] = {side: (start, count) for side, start in starts if start >= 0}
+        shape = self.rows, self.plan.amplitudes.shape[1]
+        first, count = self._first_body, len(self.costs)
+        return Layout(rows, shape, self.bodies[first : first + count], self.plan.active)
 
     def _over_ranks(self, points: SweepPoints) -> None:
         """Of the largest errors that the ranks have seen, the place of the largest; collective."""

@@ -116,6 +116,24 @@ class SubstructureSpec:
         """Cell name."""
         return str(self.part.mesh.topology.cell_name())
 
+    def with_mean_stiffness(self) -> SubstructureSpec:
+        """The same with a random modulus of the material as a factor of the stiffness.
+
+        Raises
+        ------
+        SceneError
+            The factor is random, too.
+        """
+        factor = getattr(self.material, "factor", 1.0)
+        if not (is_uncertain(factor) or is_random_field(factor)):
+            return self
+        if is_uncertain(self.stiffness) or is_random_field(self.stiffness):
+            raise SceneError(
+                f"substructure {self.name!r}: E and stiffness = {short(self.stiffness)} are both random: "
+                "give one, their product as an expression"
+            )
+        return replace(self, material=getattr(self.material, "nominal", self.material), stiffness=factor)
+
     def made(self) -> SubstructureSpec:
         """The same with its part made, and checked.
 
@@ -145,14 +163,7 @@ class SubstructureSpec:
                 f"{where}: its mesh is spread over processes: give the mesh, which all of them have, and no "
                 "function; or make it on COMM_SELF"
             )
-        factor = getattr(spec.material, "factor", 1.0)
-        if is_uncertain(factor) or is_random_field(factor):
-            if is_uncertain(spec.stiffness) or is_random_field(spec.stiffness):
-                raise SceneError(
-                    f"{where}: E and stiffness = {short(spec.stiffness)} are both random: give one, their "
-                    "product as an expression"
-                )
-            spec = replace(spec, material=getattr(spec.material, "nominal", spec.material), stiffness=factor)
+        spec = spec.with_mean_stiffness()
         plane = getattr(spec.material, "plane", "")
         if spec.axisymmetric and not isinstance(spec.source, Revolved):
             if spec.dim != 2:

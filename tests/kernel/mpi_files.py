@@ -1,6 +1,6 @@
 """Program of test_mpi.py: checkpoints, results and chaos files of a run over ranks.
 
-``mpirun -n N python mpi_files.py write|kill|raise|resume FOLDER``
+``mpirun -n N python mpi_files.py write|kill|raise|resume|some|more|all FOLDER``
 """
 
 from __future__ import annotations
@@ -107,6 +107,62 @@ def resumed(file: Path) -> None:
     print(f"resumed on rank {WORLD.rank}: {before} points left", flush=True)
 
 
+def some(file: Path) -> None:
+    """The first points of a sweep whose interfaces are all active, and of one in which some are not."""
+
+    def begin(name: str, **settings: Any) -> None:
+        seen: list[int] = []
+
+        def three(iteration: Any) -> None:
+            seen.append(iteration.number)
+            if sum(now <= before for before, now in zip([99, *seen], seen, strict=False)) > 2:
+                raise StopIteration
+
+        found = sweep(
+            problem(), GRID, options=OPTIONS, checkpoint=file.with_name(name), callback=three, progress=False,
+            **settings,
+        )
+        assert 0 < len(found.points.order) < 6
+
+    begin("all", active="all")
+    begin("few")
+    print(f"begun on rank {WORLD.rank}", flush=True)
+
+
+def more(file: Path, last: bool) -> None:
+    """The sweeps go on with another number of ranks: with the points that are there, to the digits of one."""
+    exact = sweep(problem(comm=MPI.COMM_SELF), GRID, options=OPTIONS, active="all", progress=False)
+    seen: list[int] = []
+
+    def once(iteration: Any) -> None:
+        seen.append(iteration.number)
+        if not last and sum(now <= before for before, now in zip([99, *seen], seen, strict=False)) > 1:
+            raise StopIteration
+
+    where = {"options": OPTIONS, "checkpoint": file.with_name("all"), "callback": once, "progress": False}
+    swept = sweep(problem(), GRID, active="all", **where)
+    solved = len(swept.points.order)
+    there = np.flatnonzero(swept.points.iterations >= 0)
+    assert 0 < solved < len(there), "points of the file are not solved again"
+    assert len(there) == 6 or not last
+    for name in ("j1", "j2", "j3", "bed2"):
+        for one, other in zip(swept.gathered(name), (exact.force(name), exact.jump(name)), strict=True):
+            same(np.reshape(one, (6, -1))[there], np.reshape(other, (6, -1))[there], name)
+    worst = swept.points.worst[there]
+    assert np.all((worst[:, 1] >= 0) & (worst[:, 1] < len(swept.solver.bodies))), worst
+    # interfaces between ranks are active: what was not then has no force in the file
+    spread = problem()
+    where["checkpoint"] = file.with_name("few")
+    lacking = set(make_plan(spread, vary=["j1", "bed2"], options=OPTIONS).active) - {"j1", "j2", "bed2"}
+    try:
+        sweep(spread, GRID, **where)
+    except (CheckpointError, SceneError) as error:
+        assert lacking and "active interfaces (the file lacks 'j3')" in str(error), (lacking, error)
+    else:
+        assert not lacking, lacking
+    print(f"gone on with rank {WORLD.rank}", flush=True)
+
+
 def write(folder: Path) -> None:
     """Results of all kinds, their files read again, against those of one rank."""
     spread, whole = problem(random_joint), problem(random_joint, MPI.COMM_SELF)
@@ -157,6 +213,10 @@ def main(what: str, folder: Path) -> None:
         write(folder)
     elif what == "resume":
         resumed(folder / "sweep.sqlite")
+    elif what == "some":
+        some(folder / "sweep.sqlite")
+    elif what in ("more", "all"):
+        more(folder / "sweep.sqlite", what == "all")
     elif what == "raise":
         try:
             interrupted(folder / "sweep.sqlite", stop)

@@ -149,6 +149,13 @@ def test_checkpoints_survive_a_rank_that_ends(how: str, tmp_path: Path) -> None:
     assert run.stdout.count("resumed") == 2
 
 
+def test_checkpoints_go_on_with_any_number_of_ranks(tmp_path: Path) -> None:
+    for ranks, what, told in ((2, "some", "begun"), (3, "more", "gone on"), (1, "all", "gone on")):
+        run = launch(ranks, "mpi_files.py", what, str(tmp_path))
+        assert run.returncode == 0, run.stdout + run.stderr
+        assert run.stdout.count(told) == ranks
+
+
 def test_stiffnesses_of_parts_vary_over_ranks() -> None:
     run = launch(2, "mpi_stiffness.py")
     assert run.returncode == 0, run.stdout + run.stderr
@@ -169,3 +176,24 @@ def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
     for what in ("same part", "same columns", "same inside", "refused"):
         assert run.stdout.count(f"{what} on rank") == ranks
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_meshes_follow_the_question_over_ranks_as_on_one(ranks: int) -> None:
+    run = launch(ranks, "mpi_meshes.py", "same")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("same meshes on rank") == ranks
+
+
+def test_meshes_of_random_scenes_over_ranks() -> None:
+    run = launch(2, "mpi_meshes.py", "random")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("same scatter on rank") == 2
+
+
+def test_a_rank_that_cannot_mesh_its_part_again_ends_all() -> None:
+    run = launch(2, "mpi_meshes.py", "fail")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("failed together on rank") == 2
+    run = launch(2, "mpi_meshes.py", "kill")
+    assert run.returncode != 0 and "signal 9" in (run.stdout + run.stderr).lower()

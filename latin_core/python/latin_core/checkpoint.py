@@ -22,7 +22,7 @@ import threading
 import uuid
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -31,7 +31,7 @@ import numpy.typing as npt
 
 __all__ = ["Checkpoint", "CheckpointError", "CheckpointWarning", "differences"]
 
-_VERSION = 3
+_VERSION = 4
 _DIGEST = hashlib.sha256().digest_size
 _MAGIC = b"SQLite format 3\x00"
 _TABLES = {"header": ["text"], "point": ["number", "arrays"]}
@@ -128,6 +128,8 @@ class Checkpoint:
     header
         What the run is (JSON-able): facts by name, which are named if they differ. A file with
         another header belongs to another run and is refused, untouched. Floats agree to ten digits.
+    more
+        Facts that are lists, of which the file may have more than `header`.
 
     Raises
     ------
@@ -135,7 +137,7 @@ class Checkpoint:
         The file cannot be opened, is damaged, used by another run at this time, or of another run.
     """
 
-    def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
+    def __init__(self, path: str | Path, header: Mapping[str, Any], more: Sequence[str] = ()) -> None:
         self.path = Path(path)
         self._file = os.path.abspath(self.path)
         self._waiting: dict[int, bytes] = {}
@@ -164,7 +166,16 @@ class Checkpoint:
         except BaseException:
             self._release()
             raise
-        different = differences(theirs, mine)
+        lacking: dict[str, list[Any]] = {}
+        for name in more:
+            if isinstance(theirs.get(name), list) and isinstance(mine.get(name), list):
+                lacking[name] = [each for each in mine[name] if each not in theirs[name]]
+                if not lacking[name]:
+                    theirs[name] = mine[name]
+        different = [
+            f"{name} (the file lacks {', '.join(map(repr, lacking[name]))})" if lacking.get(name) else name
+            for name in differences(theirs, mine)
+        ]
         if different:
             self._release()
             if theirs.get("version") != _VERSION:
