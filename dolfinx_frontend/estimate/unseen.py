@@ -17,7 +17,7 @@ int k [u] . [z] less what their means have of it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from dolfinx import mesh as dmesh
