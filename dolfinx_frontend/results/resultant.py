@@ -216,7 +216,7 @@ class _Elsewhere(BaseException):
 
 
 def _over_ranks(function: Callable[[Any], Any], problem: Any) -> Callable[[Any], Any]:
-    """A function of the fields that all ranks call together: fields of other ranks are fetched when it asks."""
+    """A function of the fields that all ranks call: those of other ranks are fetched when it asks."""
 
     def called(block: Any) -> Any:
         known: dict[tuple[Any, ...], Any] = {}
