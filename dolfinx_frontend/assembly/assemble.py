@@ -193,7 +193,8 @@ def _assemble(
     kept: set[str] = set()
     if before is not None:
         kept = {name for name, s in substructures.items() if s is before.substructures.get(name)}
-        kept = kept if comm is None else set().union(*exchanged(comm, kept))
+        if comm is not None:
+            kept = {name for each in exchanged(comm, kept) for name in each}
     interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm, before, kept)
     relief: dict[str, Interface] = {}
     with agreement(comm):

@@ -260,14 +260,15 @@ class _Meshes(Judged):
         for name, spec in self.scene.substructures.items():
             if spec.spread:
                 raise SceneError(
-                    f"substructure {name!r}: its mesh is spread over the ranks, and gets no finer cells: give "
-                    "a function that makes it on COMM_SELF, or solve(assemble(scene, comm=...), accuracy=...)"
+                    f"substructure {name!r}: its mesh is spread over the ranks, and gets no finer cells: "
+                    "give a function that makes it on COMM_SELF, or solve(assemble(scene, comm=...), "
+                    "accuracy=...)"
                 )
         owner = placed(self.scene, spread)
         with agreement(ranks):
             for name, spec in self.scene.substructures.items():
                 here = ranks is None or owner[name] == ranks.rank
-                spec = spec.made() if here else spec.with_mean_stiffness()
+                spec = spec.made() if here else spec.made_elsewhere()
                 if ranks is not None:
                     spec = replace(spec, rank=owner[name])
                 self.scene.substructures[name] = spec

@@ -34,6 +34,7 @@ from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.scene.laws import Elimination
+from dolfinx_frontend.scene.specs import PartLike
 
 __all__ = ["of_crossing_chords", "of_shapes", "of_springs", "other_sides"]
 
@@ -295,8 +296,8 @@ def other_sides(
                 side = interface.sides[1]
                 part, where = problem.substructures[side.substructure], f"interface {name!r}"
                 nodes = copied_nodes(FacetMap(part.part, side.face, where), part.space)
-                both = (each[part.name].reshape(-1, part.dim)[nodes].ravel() for each in (fields, duals))
-                told[name] = OtherSide(face_copy(part.part, side.face, part.space, where), *both)
+                u, z = (each[part.name].reshape(-1, part.dim)[nodes].ravel() for each in (fields, duals))
+                told[name] = OtherSide(face_copy(part.part, side.face, part.space, where), u, z)
     return swap(comm, outgoing)
 
 
@@ -315,7 +316,10 @@ def of_springs(
         law = interface.law.nominal
         known = [problem.own.substructures.get(side.substructure) for side in interface.sides]
         labels = tuple((side.substructure, side.face) for side in interface.sides)
-        faces, spaces, u, z = [], [], [], []
+        faces: list[PartLike | FaceCopy] = []
+        spaces: list[Any] = []
+        u: list[Array] = []
+        z: list[Array] = []
         for part, (owner, _) in zip(known, labels, strict=True):
             if part is not None and part.name in fields:
                 faces.append(part.part)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -199,20 +200,89 @@ class Measure:
         return self.name
 
     def at_end(self, answer: Any, fields: Any) -> Array:
-        """The number (N,) in samples; `fields` are the samples themselves."""
-        return np.asarray(fields.quantity(self.function, self.name).values)
+        """The number (N,) in samples; `fields` are the samples themselves. Collective."""
+        function, problem = self.function, answer.problem
+        if getattr(problem, "comm", None) is not None and not hasattr(function, "on"):
+            function = _over_ranks(function, problem)
+        return np.asarray(fields.quantity(function, self.name).values)
 
     def value(self, result: Any) -> Array:
-        """The number in a result: (1,), (N,) of samples."""
+        """The number in a result: (1,), (N,) of samples. A function reads what its rank has."""
         return np.asarray(result.quantity(self.function, self.name).values)
 
     def everywhere(self, result: Any) -> Array:
-        """The same; a function reads what its rank has."""
-        return self.value(result)
+        """The same on all ranks, of all of which a function may read; collective."""
+        return self.at_end(result, result)
 
     def sampled(self, result: Any) -> Array:
-        """The number (N,) at samples of a chaos."""
-        return self.value(result)
+        """The number (N,) at samples of a chaos; collective."""
+        return self.at_end(result, result)
+
+
+class _Elsewhere(BaseException):
+    """A function has asked for a field that is on another rank."""
+
+
+def _over_ranks(function: Callable[[Any], Any], problem: Any) -> Callable[[Any], Any]:
+    """A function of the fields that all ranks call: those of other ranks are fetched when it asks."""
+
+    def called(block: Any) -> Any:
+        known: dict[tuple[Any, ...], Any] = {}
+        found: list[Any] = []
+
+        def interface(kind: str) -> Callable[[str], Any]:
+            def read(name: str) -> Any:
+                key = (kind, name, None)
+                if name not in problem.interfaces or name in problem.own.interfaces:
+                    return getattr(block, kind)(name)
+                if key not in known:
+                    raise _Elsewhere(key)
+                return known[key]
+
+            return read
+
+        def displacement(part: str, unknowns: Any = None) -> Any:
+            some = None if unknowns is None else tuple(int(each) for each in unknowns)
+            key = ("_displacement", part, some)
+            if part not in problem.parts or part in problem.substructures:
+                return block._displacement(part, unknowns)
+            if key not in known:
+                raise _Elsewhere(key)
+            return known[key]
+
+        def here(key: tuple[Any, ...]) -> bool:
+            kind, name, _ = key
+            return name in problem.substructures if kind == "_displacement" else problem.speaks_for(name)
+
+        shown = replace(
+            block,
+            _both=interface("_both"),
+            _contact=interface("_contact"),
+            _force=None if block._force is None else interface("_force"),
+            _displacement=displacement,
+        )
+        while True:
+            wanted: list[Any] = []
+            with agreement(problem.comm):
+                found.clear()
+                try:
+                    found.append(function(shown))
+                except _Elsewhere as missing:
+                    wanted.append(missing.args[0])
+            wanted = list(dict.fromkeys(key for each in exchanged(problem.comm, wanted) for key in each))
+            if not wanted:
+                return found[0]
+            own = {}
+            with agreement(problem.comm):
+                for key in wanted:
+                    if here(key):
+                        kind, name, some = key
+                        more = () if kind != "_displacement" else (None if some is None else np.array(some),)
+                        own[key] = getattr(block, kind)(name, *more)
+            for each in exchanged(problem.comm, own):
+                known.update(each)
+
+    return called
 
 
 @dataclass(frozen=True, repr=False)

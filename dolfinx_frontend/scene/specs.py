@@ -134,6 +134,13 @@ class SubstructureSpec:
             )
         return replace(self, material=getattr(self.material, "nominal", self.material), stiffness=factor)
 
+    def made_elsewhere(self) -> SubstructureSpec:
+        """What :meth:`made` makes of it on another rank, but for the mesh."""
+        spec = self.with_mean_stiffness()
+        if not spec.axisymmetric:
+            return spec
+        return replace(spec, material=getattr(spec.material, "revolved", spec.material))
+
     def made(self) -> SubstructureSpec:
         """The same with its part made, and checked.
 

@@ -16,6 +16,7 @@ from dolfinx_frontend import (
     Elastic,
     LinearElastic,
     LogNormal,
+    Measure,
     Options,
     Resultant,
     Scene,
@@ -71,6 +72,21 @@ def main() -> None:
             # the same quantity: how good its estimate is, other tests say
             away = abs(found.mean / other.mean - 1.0)
             assert away <= 10.0 * accuracy, (kind, name, found, other)
+    # functions of the fields that no rank has all of
+    problem, alone = chain(LAWS["contact"], COMM), chain(LAWS["contact"], MPI.COMM_SELF)
+
+    def ends(fields: Any) -> Any:
+        jump = fields.displacement("b3").max(axis=-1) - fields.displacement("b0").max(axis=-1)
+        return fields.force("j1")[..., 0].min(axis=1) + fields.force("bed3")[..., 1].max(axis=1) + jump
+
+    values = [
+        solve(p, accuracy=1e-4, quantity=Measure(ends, "both ends"), meshes=False).mean_std(
+            Measure(ends, "both ends")
+        )
+        for p in (problem, alone)
+    ]
+    assert len(set(COMM.allgather(values[0].mean))) == 1
+    assert abs(values[0].mean - values[1].mean) <= 1e-3 * abs(values[1].mean), values
     print(f"same answer on rank {COMM.rank}", flush=True)
     problem, alone = chain(LAWS["elastic"], COMM), chain(LAWS["elastic"], MPI.COMM_SELF)
     # the reaction of a support that was assembled across, and what its error is

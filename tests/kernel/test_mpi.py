@@ -178,11 +178,11 @@ def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int) -> None:
         assert run.stdout.count(f"{what} on rank") == ranks
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_meshes_follow_the_question_over_ranks_as_on_one(ranks: int) -> None:
-    run = launch(ranks, "mpi_meshes.py", "same")
+@pytest.mark.parametrize(("ranks", "what"), [(2, "meshes"), (3, "meshes"), (2, "laws"), (3, "laws")])
+def test_meshes_follow_the_question_over_ranks_as_on_one(ranks: int, what: str) -> None:
+    run = launch(ranks, "mpi_meshes.py", "laws" if what == "laws" else "same")
     assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("same meshes on rank") == ranks
+    assert run.stdout.count(f"same {what} on rank") == ranks
 
 
 def test_meshes_of_random_scenes_over_ranks() -> None:
