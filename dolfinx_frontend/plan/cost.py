@@ -270,7 +270,7 @@ _COPIES = 3.2
 
 
 class LowerLevel(NamedTuple):
-    """The lower level of a multigrid of bodies: its unknowns, and numbers in its factor (0: there is none)."""
+    """The lower level of a multigrid of bodies: its unknowns, and numbers in its factor (0: none)."""
 
     unknowns: float
     entries: float
@@ -288,11 +288,12 @@ def lower_level(problem: Problem, unknowns: int) -> LowerLevel:
     linear = entries = thin = 0.0
     for part in parts:
         bending = float(np.mean(in_thin_cells(part)))
-        linear += (1.0 - bending) * part.size / float(int(part.space.element.basix_element.degree) ** part.dim)
+        degree = int(part.space.element.basix_element.degree)
+        linear += (1.0 - bending) * part.size / float(degree**part.dim)
         if bending > 0.0:
             thin += bending * part.size
-            of_part = _fill(part) * part.size ** (1 / 3) if part.dim == 3 else 6.0 * part.size * log2(part.size)
-            entries += bending * of_part
+            of_plane = 6.0 * part.size * log2(part.size)
+            entries += bending * (_fill(part) * part.size ** (1 / 3) if part.dim == 3 else of_plane)
     linear *= share
     if problem.dim == 3:
         entries += 15.0 * linear ** (4.0 / 3.0)

@@ -64,8 +64,8 @@ _FIELDS = 40.0
 _NEGLIGIBLE, _AFFORDABLE, _POWER = 2e8, 0.1, 1.4
 """When the kernel makes a tangent of all active unknowns (``tangent.cpp``)."""
 _SET_UP, _CYCLE, _FIELD = 1.05e-7, 8e-9, 3e-7
-"""By multigrid: seconds for an entry of the matrices, once and for the cycle of a column, and for an unknown and
-what is done with the field that the cycle makes."""
+"""By multigrid: seconds for an entry of the matrices, once and for the cycle of a column, and for an unknown
+and what is done with the field that the cycle makes."""
 _AGGREGATION = 3.5
 """How many times longer these take with linear shape functions."""
 _CYCLES, _CYCLES_OF_ONE, _CYCLES_OF_POINTS = 5.5, 1.5, 7.0
@@ -221,7 +221,8 @@ def _by_multigrid(
     seconds += _FIRST + 1.3 * below.entries**2 / max(below.unknowns, 1.0) / _FACTOR
     seconds += cycles * 4.0 * below.entries / _BELOW
     seconds += _ROW_AT_ONCE * rows * steps * (way.points + 10 * max(way.modes, 1))
-    memory = _EXTRA + predict(problem.own, names, columns, options).multigrid + 16.0 * rows * steps * way.points
+    memory = _EXTRA + predict(problem.own, names, columns, options).multigrid
+    memory += 16.0 * rows * steps * way.points
     return Price(seconds / speed(), seconds / sizes.build, memory)
 
 
