@@ -16,12 +16,12 @@ from latin_core import (
     Laws,
     NumericalError,
     Options,
-    Solved,
     State,
     Summary,
     SweepPoints,
     SweptParameter,
 )
+from latin_core.sweep import Solved
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array

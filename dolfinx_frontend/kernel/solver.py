@@ -19,7 +19,6 @@ from latin_core import (
     Laws,
     Linearised,
     Options,
-    Solved,
     State,
     Structure,
     Summary,
@@ -27,6 +26,7 @@ from latin_core import (
     SweptParameter,
 )
 from latin_core import sweep as kernel_sweep
+from latin_core.sweep import Solved
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
