@@ -19,7 +19,6 @@ from latin_core import (
     Laws,
     Linearised,
     Options,
-    Solved,
     State,
     Structure,
     Summary,
@@ -27,6 +26,7 @@ from latin_core import (
     SweptParameter,
 )
 from latin_core import sweep as kernel_sweep
+from latin_core.sweep import Solved
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
@@ -224,8 +224,8 @@ class Solver:
         ranks
             That solve the points together, each on a solver of its own.
         before, check
-            Points that an earlier walk has left, and what says whether points are good enough to be kept: then
-            the arrays are not locked yet.
+            Points that an earlier walk has left, and what says whether points are good enough to be kept:
+            then the arrays are not locked yet.
         """
         if self.problem.comm is None:
             self.problem.check_unchanged()
@@ -299,7 +299,7 @@ class Solver:
         return self.space.answer(self._core, laws, state, amplitudes)
 
     def residual(self, answer: Answer) -> Array:
-        """What an answer in the basis leaves of the equations of the bodies, see :meth:`Subspace.residual`."""
+        """What an answer in the basis leaves of the bodies' equations, see :meth:`Subspace.residual`."""
         assert self.space is not None
         return self.space.residual(self._core, answer)
 

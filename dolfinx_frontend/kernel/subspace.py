@@ -14,7 +14,7 @@ norm the answer is the best one in the basis.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -36,9 +36,6 @@ Values = dict[str, Any]
 
 DEPENDENT = 1e-10
 """A field that is left of so little by those before it is one of them."""
-
-OF_SPRINGS = 1e-4
-"""Share of the energy of springs between bodies that errors are relative to."""
 
 
 @dataclass(frozen=True)
@@ -386,15 +383,15 @@ class Subspace:
             found.append(np.hstack(own))
         return found
 
-    def energies(self, answer: Answer) -> Array:
-        """What errors of an answer are relative to, (c): strain energies of the bodies, and a little of those
-        of the springs between them, which may be soft and would hide the strain of the bodies."""
+    def energies(self, answer: Answer, of_springs: float = 1.0) -> Array:
+        """Strain energies (c) of an answer: those of the bodies, and a share of those of the springs of the
+        multigrid."""
         found = np.zeros(answer.moved.shape[1])
         for (rows, _), strained in zip(self._places, self._strained, strict=True):
             found += np.einsum("ij,ij->j", answer.moved[rows], strained @ answer.moved[rows])
         free = self.free(answer)
         for spring, jump in zip(self.bodies.between, self._jumps, strict=True):
-            found += OF_SPRINGS * (spring.stiffness @ (jump @ free) ** 2)
+            found += of_springs * (spring.stiffness @ (jump @ free) ** 2)
         return np.abs(found)
 
     def free(self, answer: Answer) -> Array:

@@ -14,10 +14,13 @@ from dataclasses import dataclass
 from math import log2
 from typing import NamedTuple
 
+import numpy as np
+
 from dolfinx_frontend.assembly.interface import Interface, Side
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.vertices import in_thin_cells
 from dolfinx_frontend.plan.reduction import members_of_bodies
 from latin_core import Options
 
@@ -25,9 +28,11 @@ __all__ = [
     "BYTES_OF_ENTRY",
     "Body",
     "Cost",
+    "LowerLevel",
     "blocks_fit",
     "bodies_of",
     "interface_unknowns",
+    "lower_level",
     "newton_is_dense",
     "predict",
     "shown",
@@ -265,8 +270,41 @@ _COPIES = 3.2
 """Matrices at one time while the one of the multigrid is made."""
 
 
+class LowerLevel(NamedTuple):
+    """The lower level of a multigrid of bodies: its unknowns, and numbers in its factor (0: none)."""
+
+    unknowns: float
+    entries: float
+
+
+def lower_level(problem: Problem, unknowns: int) -> LowerLevel:
+    """Of parts that have some unknowns together.
+
+    The linear shape functions and all unknowns of thin cells; parts with no others are solved by aggregation.
+    """
+    parts = problem.substructures.values()
+    if any(int(part.space.element.basix_element.degree) < 2 for part in parts):
+        return LowerLevel(0.0, 0.0)
+    share = unknowns / max(sum(part.size for part in parts), 1)
+    linear = entries = thin = 0.0
+    for part in parts:
+        bending = float(np.mean(in_thin_cells(part)))
+        degree = int(part.space.element.basix_element.degree)
+        linear += (1.0 - bending) * part.size / float(degree**part.dim)
+        if bending > 0.0:
+            thin += bending * part.size
+            of_plane = 6.0 * part.size * log2(part.size)
+            entries += bending * (_fill(part) * part.size ** (1 / 3) if part.dim == 3 else of_plane)
+    linear *= share
+    if problem.dim == 3:
+        entries += 15.0 * linear ** (4.0 / 3.0)
+    else:
+        entries += 6.0 * linear * max(log2(max(linear, 2.0)), 1.0)
+    return LowerLevel(linear + thin * share, entries)
+
+
 def _multigrid(problem: Problem, unknowns: int, columns: int) -> float:
     """Bytes of a solution by multigrid: its matrix, the basis and its products, and the factor below."""
-    coarse = 15.0 * (unknowns / float(2**problem.dim)) ** (4.0 / 3.0)
     basis = 16.0 * _FIELDS + 8.0 * 8.0 * columns
-    return float(unknowns * max(_COPIES * _ROW, 1.3 * _ROW + basis) + 8.0 * coarse)
+    matrix = unknowns * max(_COPIES * _ROW, 1.3 * _ROW + basis)
+    return float(matrix + 8.0 * lower_level(problem, unknowns).entries)

@@ -7,7 +7,7 @@ iteration runs on the others. Every decision carries its reason and can be overr
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -533,13 +533,17 @@ def make_plan(
     pairs = [name for name in paired if name in here]
     cost = predict(problem.own, here, columns, options, pairs, newton, zone)
     suits = not (factors or fields) and all(problem.interfaces[n].law.superposes for n in kept)
-    options, of_bodies = _backend(problem, kept, options, cost, suits)
+    of_way = way or Way(random, columns if random is not None else 0)
+
+    def priced(backend: Options) -> Price:
+        return price(problem, here, cost.rows, backend, of_way, steps, bool(macro))
+
+    options, of_bodies = _backend(problem, kept, options, cost, suits, priced)
     decisions += of_bodies
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
-    of_way = way or Way(random, columns if random is not None else 0)
-    total = price(problem, here, cost.rows, options, of_way, steps, bool(macro))
+    total = priced(options)
     decisions.append(_of_price(total, of_way))
     _log.info("plan: %s, %d columns, active: %s; %s", chosen, columns, ", ".join(kept) or "nothing", cost)
     return Plan(
@@ -575,27 +579,44 @@ def _of_price(total: Price, way: Way) -> Decision:
 
 
 def _backend(
-    problem: Problem, kept: Sequence[str], options: Options, cost: Cost, suits: bool
+    problem: Problem,
+    kept: Sequence[str],
+    options: Options,
+    cost: Cost,
+    suits: bool,
+    priced: Callable[[Options], Price],
 ) -> tuple[Options, list[Decision]]:
-    """How the inside of the bodies is solved for where their factors may not fit into the memory, and why.
+    """How the inside of the bodies is solved for where their factors may not fit into the memory, or take
+    long, and why.
 
     Raises
     ------
     SceneError
         Nothing fits; it says what would.
     """
+    multigrid = options.with_(backend="multigrid")
     if options.backend == "multigrid":
         needs = f"about {shown(cost.multigrid, 'B')}; factors would need {shown(cost.direct, 'B')}"
-        choice = "multigrid, a basis of fields"
-        return options, [Decision("bodies", choice, f"asked for: {needs}")]
+        return options, [Decision("bodies", "multigrid, a basis of fields", f"asked for: {needs}")]
     free = available_memory()
-    if problem.distribution is not None or cost.direct <= free:
+    may = options.backend == "automatic" and suits
+    if problem.distribution is not None:
         return options, []
-    if options.backend == "automatic" and suits and cost.multigrid <= _SURE * free:
-        return options.with_(backend="multigrid"), [
+    if cost.direct <= free:
+        if not may or cost.unknowns < _LARGE or cost.multigrid > free:
+            return options, []
+        direct, other = priced(options), priced(multigrid)
+        if _WORTH * other.seconds > direct.seconds:
+            return options, []
+        what = f"multigrid, about {other.seconds:.2g} s of processor time and {shown(cost.multigrid, 'B')}"
+        why = f"factors would take {direct.seconds:.2g} s and {shown(cost.direct, 'B')}"
+        return multigrid, [Decision("bodies", what, f"{why}; errors() and adjoints need them")]
+    if may and cost.multigrid <= _SURE * free:
+        return multigrid, [
             Decision(
                 "bodies",
-                f"multigrid, about {shown(cost.multigrid, 'B')}",
+                f"multigrid, about {priced(multigrid).seconds:.2g} s of processor time and "
+                f"{shown(cost.multigrid, 'B')}",
                 f"factors would need {shown(cost.direct, 'B')}, and {shown(free, 'B')} are free",
             )
         ]
@@ -606,6 +627,11 @@ def _backend(
     if cost.direct > _SURE * free:
         raise SceneError(f"plan: {text}: {_what_would_do(problem, kept, cost, suits, free)}")
     return options, [Decision("memory", "factors may not fit", text)]
+
+
+_LARGE, _WORTH = 300_000, 2.0
+"""Unknowns from which on multigrid may be the faster way, and how many times faster it must be predicted to
+be."""
 
 
 def _what_would_do(problem: Problem, kept: Sequence[str], cost: Cost, suits: bool, free: float) -> str:

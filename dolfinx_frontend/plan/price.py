@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.plan.cost import BYTES_OF_ENTRY, Body, bodies_of, shown
+from dolfinx_frontend.plan.cost import BYTES_OF_ENTRY, Body, bodies_of, lower_level, predict, shown
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from latin_core import Options
@@ -63,6 +63,17 @@ _FIELDS = 40.0
 """Fields of the interfaces at one time, of a chaos."""
 _NEGLIGIBLE, _AFFORDABLE, _POWER = 2e8, 0.1, 1.4
 """When the kernel makes a tangent of all active unknowns (``tangent.cpp``)."""
+_SET_UP, _CYCLE, _FIELD = 1.05e-7, 8e-9, 3e-7
+"""By multigrid: seconds for an entry of the matrices, once and for the cycle of a column, and for an unknown
+and what is done with the field that the cycle makes."""
+_AGGREGATION = 3.5
+"""How many times longer these take with linear shape functions."""
+_CYCLES, _CYCLES_OF_ONE, _CYCLES_OF_POINTS = 5.5, 1.5, 7.0
+"""Fields of a body for a digit of the tolerance: of a chaos, of a direct solution, and of points."""
+_OF_POINTS = 40
+"""Answers that those of all points are combinations of."""
+_BELOW = 4e9
+"""Operations a second of solutions on the lower level."""
 _MOST_TENSOR, _LEAST_LINE, _FEWEST_SOBOL = 4096, 16, 1024
 
 
@@ -166,6 +177,8 @@ def price(
         Whether the iteration has a coarse problem.
     """
     names = tuple(kept)
+    if options.backend == "multigrid":
+        return _by_multigrid(problem, names, rows, options, way, steps)
     sizes = _sizes(problem, list(bodies_of(problem.own, names)))
     curved = [n for n in names if not problem.interfaces[n].law.superposes]
     digits = log10(1.0 / options.rtol) / 4.0
@@ -190,6 +203,27 @@ def price(
         inside = float(sum(own[name].entries for name in way.random.fields if name in own))
         seconds, memory = seconds + _ENTRY_OF_FIELD * inside, memory + _BYTES_OF_FIELD * inside
     return Price(seconds / speed(), seconds / unit, memory, not curved)
+
+
+def _by_multigrid(
+    problem: Problem, names: Sequence[str], rows: int, options: Options, way: Way, steps: int
+) -> Price:
+    """As :func:`price`, with ``backend="multigrid"``."""
+    bodies = list(bodies_of(problem.own, names))
+    sizes = _sizes(problem, bodies)
+    columns = _OF_POINTS if way.points else max(way.modes, 1) * steps
+    each = _CYCLES_OF_POINTS if way.points else _CYCLES if names else _CYCLES_OF_ONE
+    cycles = each * log10(1.0 / options.rtol)
+    unknowns = sum(body.unknowns for body in bodies)
+    below = lower_level(problem.own, unknowns)
+    seconds = (_SET_UP + cycles * _CYCLE) * sizes.entries + cycles * _FIELD * unknowns
+    seconds *= 1.0 if below.unknowns else _AGGREGATION
+    seconds += _FIRST + 1.3 * below.entries**2 / max(below.unknowns, 1.0) / _FACTOR
+    seconds += cycles * 4.0 * below.entries / _BELOW
+    seconds += _ROW_AT_ONCE * rows * steps * (way.points + 10 * max(way.modes, 1))
+    memory = _EXTRA + predict(problem.own, names, columns, options).multigrid
+    memory += 16.0 * rows * steps * way.points
+    return Price(seconds / speed(), seconds / sizes.build, memory)
 
 
 class _Run(NamedTuple):

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from dolfinx_frontend import (
     Chaos,
+    Contact,
     Elastic,
     LinearElastic,
     Normal,
@@ -21,6 +22,7 @@ from dolfinx_frontend import (
     geometry,
     make_plan,
     solve,
+    sweep,
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.memory import available_memory
@@ -67,14 +69,46 @@ def test_multigrid_where_a_factor_does_not_fit(problem: Problem, monkeypatch: py
     assert np.abs(forces[1] - forces[0]).max() <= 1e-2 * np.abs(forces[0]).max()
 
 
-def test_sweeps_have_a_factor_or_nothing(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sweeps_where_a_factor_does_not_fit(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     cost = make_plan(problem, vary=["joint"]).cost
     assert cost is not None
     with_free(monkeypatch, 0.9 * cost.direct)
-    assert "factors may not fit" in lines(make_plan(problem, vary=["joint"]))["memory"].choice
+    line = lines(make_plan(problem, vary=["joint"]))["bodies"]
+    assert "multigrid" in line.choice and " s of processor time" in line.choice
+    found = sweep(problem, {"joint.normal": [5e4, 1e5, 2e5]})
+    assert found.solver.space is not None and np.all(found.converged)
+    with_free(monkeypatch, 1e12)
+    exact = sweep(problem, {"joint.normal": [5e4, 1e5, 2e5]}, options=Options(rtol=1e-9))
+    size = np.abs(exact.force("joint")).max()
+    assert np.abs(found.force("joint") - exact.force("joint")).max() <= 1e-3 * size
+
+
+def test_what_would_do(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Contact that does not fit: the part to cut, machines, and why there is no multigrid."""
+    contact = problem.with_laws({"joint": Contact()})
+    cost = make_plan(contact).cost
+    assert cost is not None
+    with_free(monkeypatch, 0.9 * cost.direct)
+    assert "factors may not fit" in lines(make_plan(contact))["memory"].choice
     with_free(monkeypatch, 0.3 * cost.direct)
-    with pytest.raises(SceneError, match=r"factors of \d+ unknowns need about .*B, and .*B are free"):
-        make_plan(problem, vary=["joint"])
+    what = (
+        r"factors of \d+ unknowns need about .*B, and .*B are free: .*cut 'b1', whose factor needs .*B, into "
+        r"parts with Perfect\(\) between them, or spread .* 4 machines.*the laws of 'joint' are nonlinear"
+    )
+    with pytest.raises(SceneError, match=what):
+        make_plan(contact)
+
+
+def test_the_faster_way(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where both fit, multigrid has to be twice as fast by its price."""
+    with_free(monkeypatch, 1e12)
+    monkeypatch.setattr(planning, "_LARGE", 1)
+    assert make_plan(problem).options.backend != "multigrid"
+    monkeypatch.setattr(planning, "_WORTH", 1e-3)
+    line = lines(make_plan(problem))["bodies"]
+    assert "factors would take" in line.reason and "multigrid" in line.choice
+    by_factors = make_plan(problem, options=Options(backend="cholmod")).price
+    assert by_factors is not None and by_factors.seconds > 0.0
 
 
 def test_a_limit_of_the_process() -> None:

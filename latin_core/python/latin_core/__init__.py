@@ -50,7 +50,7 @@ from latin_core._core import (
 )
 from latin_core.checkpoint import Checkpoint, CheckpointError, CheckpointWarning
 from latin_core.options import Options
-from latin_core.sweep import Solved, SweepPoints, SweptParameter, sweep
+from latin_core.sweep import SweepPoints, SweptParameter, sweep
 
 try:
     __version__ = metadata.version("latin-core")
@@ -91,7 +91,6 @@ __all__ = [
     "State",
     "Structure",
     "Summary",
-    "Solved",
     "SweepPoints",
     "SweptParameter",
     "available_backends",

@@ -391,7 +391,8 @@ def sweep(
         return found
 
     waiting: list[Solved] = []
-    together = max(1, min(_CHECKED, int(_CHECKED_BYTES / (16.0 * structure.rows * amplitudes.shape[1] + 1.0))))
+    bytes_of_point = 16.0 * structure.rows * amplitudes.shape[1] + 1.0
+    together = max(1, min(_CHECKED, int(_CHECKED_BYTES / bytes_of_point)))
 
     def finished(point: int, laws: _core.Laws, summary: _core.Summary, state: _core.State) -> None:
         if run is not None and run.another_keeps(point):
