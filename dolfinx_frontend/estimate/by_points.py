@@ -101,7 +101,10 @@ FAR_AWAY, FAR_OUT = 1.0, 1e-3
 """Normal score of what the deviation comes from beyond which it is drawn on its own, and share of the variance
 that a point far out lacks of it to be taken for that."""
 
-FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**20, 2**22
+FEW_BEYOND = 5e-3
+"""Probability of the piece of a tail of a germ that hardly a sample is in."""
+
+FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**19, 2**22
 """Points of a set and of all sets by which what stands for a quantity is integrated, and numbers at a time."""
 
 OF_INTEGRAL = 0.1
@@ -294,7 +297,7 @@ def _most_samples(result: ChaosResult) -> int:
 
 def _drawn(
     space: RandomSpace, each: int, centre: Array | None
-) -> tuple[Array, Array, Ints, list[tuple[int, ...]]]:
+) -> tuple[Array, Array, Ints, list[tuple[int, int, int]]]:
     """Points (n, L), weights (n,), numbers of the sets (n,) and names of the points, the same ones in larger
     sets of the same germs."""
     sets = [wide_points(space, each, seed, centre) for seed in range(SETS)]
@@ -302,7 +305,8 @@ def _drawn(
     names = [(k, kind, i) for k in range(SETS) for kind, count in enumerate(counts) for i in range(count)]
     points = np.concatenate([p for p, _ in sets])
     weights = np.concatenate([w / w.sum() for _, w in sets]) / SETS
-    return points, weights, np.repeat(np.arange(SETS), each), names
+    labels: Ints = np.repeat(np.arange(SETS, dtype=np.int64), each)
+    return points, np.asarray(weights, dtype=np.float64), labels, names
 
 
 class _Sampled(NamedTuple):
@@ -323,9 +327,11 @@ class _Samples:
         self.space = result.space
         self.centre: Array | None = None
         self.samples: SampleResult | None = None
-        self.names: list[tuple[int, ...]] = []
-        self.values = np.zeros(0)
-        self.drawn, self.labels, self.each = np.zeros(0), np.zeros(0, dtype=np.int64), 0
+        self.names: list[tuple[int, int, int]] = []
+        self.values: Array = np.zeros(0)
+        self.drawn: Array = np.zeros(0)
+        self.labels: Ints = np.zeros(0, dtype=np.int64)
+        self.each = 0
         self._known: dict[Any, tuple[Array, Array]] = {}
 
     def grow(self, each: int) -> SampleResult:
@@ -366,7 +372,9 @@ class _Samples:
         """What stands for the quantity."""
         assert self.samples is not None
         germs, sides = self.samples.germs, sides_of(self.samples)
-        found = hinged(self.space, germs, self.drawn, self.labels, self.values, sides)
+        # what is seldom is fitted for more than it weighs: the fit is asked far out, too
+        weights = np.sqrt(self.drawn)
+        found = hinged(self.space, germs, weights / weights.sum(), self.labels, self.values, sides)
         return found if found is not None and found.rest < WORTH * self._spread() else None
 
     def _spread(self) -> float:
@@ -454,14 +462,31 @@ class _Samples:
         apart = None if fit is None else self.values - fit(self.space, samples.germs)[:, -1]
         return checked_cold(self.result, samples, self.quantity, self.values, apart)
 
+    def steepest(self) -> Array:
+        """Direction (L,) of the normal scores in which the quantity changes most."""
+        assert self.samples is not None
+        z = self.space.to_normal(self.samples.germs)
+        along = (self.drawn * (self.values - self.drawn @ self.values)) @ z
+        size = float(np.linalg.norm(along))
+        return along / size if size > 0.0 else np.eye(1, len(along))[0]
+
     def far(self, seen: Witnesses, fit: Hinged, value: MeanStd) -> MeanStd:
-        """What points far out lack of what stands for the quantity: errors of mean and deviation."""
-        rest = seen.values - fit(self.space, seen.points)[:, -1]
-        size = float(np.sqrt(seen.tails @ rest**2))
+        """What points far out lack of what stands for the quantity: errors of mean and deviation.
+
+        Beyond three deviations there are hardly samples, and all that it lacks counts; before, what it lacks is in
+        the error of the samples if it is not rare, and its square is what the variance lacks.
+        """
         std = value.std or 0.0
-        if not std > 0.0:
+        if not std > 0.0 or not len(seen.points):
             return MeanStd(0.0, 0.0)
-        return MeanStd(0.5 * size * min(size / std, 1.0), SAFE * (float(np.sqrt(std**2 + size**2)) - std))
+        guess = fit(self.space, seen.points)[:, -1]
+        rest = seen.values - guess
+        size = float(np.sqrt(seen.tails @ rest**2))
+        alone = np.where((seen.tails > 0.0) & (seen.tails < FEW_BEYOND), seen.tails, 0.0)
+        square = alone @ np.abs((seen.values - value.mean) ** 2 - (guess - value.mean) ** 2)
+        of_mean = max(0.5 * size * min(size / std, 1.0), float(alone @ np.abs(rest)))
+        of_std = max(SAFE * (float(np.sqrt(std**2 + size**2)) - std), 0.5 * float(square) / std)
+        return MeanStd(of_mean, of_std)
 
     def look_far(self, seen: Witnesses | None, fit: Hinged | None) -> None:
         """Draw where the deviation comes from, if that is far out."""
@@ -486,6 +511,7 @@ def by_samples(
     notes: tuple[str, ...] = ()
     drawn = _Samples(result, quantity, rtol)
     judged = not isinstance(quantity, Quantile) and target < SEEN_TO
+    far: Witnesses | None = None
     while True:
         drawn.grow(each)
         said, fit = drawn.plain(), None
@@ -512,9 +538,9 @@ def by_samples(
             else:
                 relative = min(relative, ahead)
         if relative <= 0.6 * target and judged and fit is not None:
-            if seen is None:
-                seen = far_out(result, quantity, drawn.rtol, complete)
-            off = drawn.far(seen, fit, said.value)
+            if far is None:
+                far = far_out(result, quantity, drawn.rtol, complete, drawn.steepest(), seen)
+            off = drawn.far(far, fit, said.value)
             said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
             relative = relative_of(said)
         size, whole = sizes(said.value)
@@ -549,7 +575,7 @@ def by_samples(
                     "what the quantity is to be compared with",
                 )
             break
-        drawn.look_far(seen, fit)
+        drawn.look_far(far, fit)
         each = min(each * factor, most // SETS)
     unseen = np.inf if nothing else None
     truncation = ErrorShare(np.nan, unseen or said.mean, unseen or said.std, said.how)

@@ -57,8 +57,8 @@ FEW, AGAIN = 1024, 3
 WORSE = 5.0
 """Residual, relative to the best, above which a degree more is not tried."""
 
-BEYOND = 0.5
-"""How far a value may be outside those of the points, relative to their range."""
+BEYOND = 5.0
+"""How far a value may be outside those of the points, relative to their range: it may grow far out."""
 
 
 class Hinged(NamedTuple):

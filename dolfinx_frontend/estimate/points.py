@@ -110,7 +110,7 @@ def wide_points(
 ) -> tuple[Array, Array]:
     """Points (count, L) of the germs and weights (count,) of mean about 1; half of a power of two each.
 
-    `centre`: normal scores (L,) of what happens far out and seldom, where half of the wider ones are then drawn.
+    `centre`: normal scores (L,) of what happens far out and seldom: half of the wider ones are drawn there.
     """
     dimension = space.dimension
     nowhere, wide = np.zeros(dimension), np.sqrt(1.0 + 3.0 / dimension)
@@ -326,17 +326,39 @@ def witnesses(
 
 
 def far_out(
-    result: ChaosResult, quantity: Wanted, rtol: float, complete: Callable[[SampleResult], None]
+    result: ChaosResult,
+    quantity: Wanted,
+    rtol: float,
+    complete: Callable[[SampleResult], None],
+    along: Array,
+    seen: Witnesses | None = None,
 ) -> Witnesses:
-    """Those of the witnesses that lie far out along each germ."""
-    lines, shares = _tails(result.space)
+    """Those of the witnesses that lie far out along each germ, solved unless `seen` has them, and others both
+    ways along a direction (L,) of the normal scores."""
+    space = result.space
+    scores = np.concatenate([-TAIL[::-1], TAIL])
+    lines, shares = space.from_normal(scores[:, None] * along), _shares(scores)
+    if seen is None:
+        of_germs, of_each = _tails(space)
+        lines, shares = np.concatenate([lines, of_germs]), np.concatenate([shares, of_each])
     good = _lawful(result.random, lines)
-    if not good.any():
-        return Witnesses(lines[good], shares[good], shares[good], shares[good])
-    samples = solved(result, lines[good], np.ones(int(good.sum())), rtol, quantity)
-    complete(samples)
-    nothing = np.zeros(int(good.sum()))
-    return Witnesses(lines[good], nothing, shares[good], quantity.at_end(samples, samples))
+    lines, shares = lines[good], shares[good]
+    values = np.zeros(0)
+    if len(lines):
+        samples = solved(result, lines, np.ones(len(lines)), rtol, quantity)
+        complete(samples)
+        values = quantity.at_end(samples, samples)
+    if seen is not None:
+        lines = np.concatenate([seen.points, lines])
+        shares = np.concatenate([seen.tails, shares])
+        values = np.concatenate([seen.values, values])
+    return Witnesses(lines, np.zeros(len(lines)), shares, values)
+
+
+def _shares(scores: Array) -> Array:
+    """Probability of the piece of a tail that a normal score stands for."""
+    half = 0.5 * (TAIL[1] - TAIL[0])
+    return np.asarray(ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half))
 
 
 def _tails(space: RandomSpace) -> tuple[Array, Array]:
@@ -345,15 +367,13 @@ def _tails(space: RandomSpace) -> tuple[Array, Array]:
     if dimension > MOST_LINES:
         return np.zeros((0, dimension)), np.zeros(0)
     scores = np.concatenate([-TAIL[::-1], TAIL])
-    half = 0.5 * (TAIL[1] - TAIL[0])
-    share = ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half)
     tiny = 2.0**-54
     count = 2 ** int(np.ceil(np.log2(dimension * len(scores))))
     drawn = sobol_points(dimension, count, np.random.default_rng(54321))[: dimension * len(scores)]
     z = ndtri(np.clip(drawn, tiny, 1.0 - tiny))
     for germ in range(dimension):
         z[germ * len(scores) : (germ + 1) * len(scores), germ] = scores
-    return space.from_uniform(ndtr(z)), np.tile(share, dimension)
+    return space.from_uniform(ndtr(z)), np.tile(_shares(scores), dimension)
 
 
 def misfit(seen: Witnesses, approximate: Array, value: MeanStd) -> Misfit:
