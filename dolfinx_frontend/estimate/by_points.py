@@ -98,14 +98,14 @@ SEEN_TO = 0.05
 """Accuracy from which on points far out judge, too."""
 
 FAR_AWAY, FAR_OUT = 1.0, 1e-3
-"""Normal score of what the deviation comes from beyond which it is drawn on its own, and share of the variance
-that a point far out lacks of it to be taken for that."""
+"""Normal score of what the deviation comes from beyond which it is drawn on its own, and share of the
+variance that a point far out lacks of it to be taken for that."""
 
 FEW_BEYOND = 5e-3
 """Probability of the piece of a tail of a germ that hardly a sample is in."""
 
 FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**19, 2**22
-"""Points of a set and of all sets by which what stands for a quantity is integrated, and numbers at a time."""
+"""Points of a set and of all sets by which what stands for a quantity is integrated, numbers at a time."""
 
 OF_INTEGRAL = 0.1
 """Error of that, relative to the target."""
@@ -383,7 +383,7 @@ class _Samples:
 
     def less(self, fit: Hinged, target: float) -> _Sampled:
         """With what stands for the quantity as exact as polynomials are: its expectation is that of many
-        points, and sets that it has not seen tell what it lacks."""
+        points, and sets that a fit has not seen tell what it lacks."""
         assert self.samples is not None
         quantity, germs = self.quantity, self.samples.germs
         about = float(self.drawn @ self.values), self._spread()
@@ -411,8 +411,10 @@ class _Samples:
         return _Sampled(weights, value, float(wrong[0]), float(wrong[1]), how)
 
     def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
-        """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these: that of
-        the last one by many points, what the others differ by, which is little, by fewer."""
+        """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
+
+        That of the last one is made by many points, what the others differ by, which is little, by fewer.
+        """
         count = FIRST_COUNT
         while True:
             of_all = self._integrals(fit, about, count, slice(SETS, None))
@@ -440,7 +442,7 @@ class _Samples:
         return np.array(found)
 
     def _many(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Points of one of the sets by which what stands for the quantity is integrated, and their weights."""
+        """Points of a set by which what stands for the quantity is integrated, and their weights."""
         key = count, seed, None if self.centre is None else tuple(self.centre)
         if key not in self._known:
             points, weights = wide_points(self.space, count, 1000 + seed, self.centre)
@@ -468,13 +470,13 @@ class _Samples:
         z = self.space.to_normal(self.samples.germs)
         along = (self.drawn * (self.values - self.drawn @ self.values)) @ z
         size = float(np.linalg.norm(along))
-        return along / size if size > 0.0 else np.eye(1, len(along))[0]
+        return np.asarray(along / size if size > 0.0 else np.eye(1, len(along))[0], dtype=np.float64)
 
     def far(self, seen: Witnesses, fit: Hinged, value: MeanStd) -> MeanStd:
         """What points far out lack of what stands for the quantity: errors of mean and deviation.
 
-        Beyond three deviations there are hardly samples, and all that it lacks counts; before, what it lacks is in
-        the error of the samples if it is not rare, and its square is what the variance lacks.
+        Beyond three deviations there are hardly samples, and all that it lacks counts; before, what it lacks
+        is in the error of the samples if it is not rare, and its square is what the variance lacks.
         """
         std = value.std or 0.0
         if not std > 0.0 or not len(seen.points):
@@ -565,14 +567,14 @@ def by_samples(
             notes = (f"{total} samples: more are left to you, see quasi_monte_carlo",)
             if nothing:
                 notes += (
-                    "no sample has met what makes the quantity differ from 0: what happens so seldom, and how "
-                    "often it does, is found by lf.reliability",
+                    "no sample has met what makes the quantity differ from 0: lf.reliability finds what "
+                    "happens so seldom, and how often it does",
                 )
             elif lost:
                 notes += (
-                    f"the mean {said.value.mean:.3g} cannot be told from 0 (+- {said.mean:.1g}, the deviation "
-                    f"is {said.value.std:.3g}): no error is small relative to it; ask for a function that adds "
-                    "what the quantity is to be compared with",
+                    f"the mean {said.value.mean:.3g} cannot be told from 0 (+- {said.mean:.1g}, the "
+                    f"deviation is {said.value.std:.3g}): no error is small relative to it; ask for a "
+                    "function that adds what the quantity is to be compared with",
                 )
             break
         drawn.look_far(far, fit)

@@ -113,8 +113,9 @@ def wide_points(
     `centre`: normal scores (L,) of what happens far out and seldom: half of the wider ones are drawn there.
     """
     dimension = space.dimension
-    nowhere, wide = np.zeros(dimension), np.sqrt(1.0 + 3.0 / dimension)
-    kinds = [(nowhere, 1.0, count // 2), (nowhere, wide, count // 2)]
+    nowhere: Array = np.zeros(dimension)
+    wide = float(np.sqrt(1.0 + 3.0 / dimension))
+    kinds: list[tuple[Array, float, int]] = [(nowhere, 1.0, count // 2), (nowhere, wide, count // 2)]
     if centre is not None:
         kinds[1:] = [(nowhere, wide, count // 4), (centre, 1.0, count // 4)]
     tiny = 2.0**-54
@@ -128,7 +129,8 @@ def wide_points(
     for middle, scale, number in kinds:
         away = own - 0.5 * np.sum((z - middle) ** 2, axis=1) / scale**2 - dimension * np.log(scale)
         density += number / count * np.exp(np.minimum(away, 700.0))
-    return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), 1.0 / density
+    weights: Array = 1.0 / density
+    return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), weights
 
 
 def calibrated(
@@ -166,7 +168,7 @@ def calibrated(
 def _with_controls(
     psi: Array, wanted: Array, weights: Array, controls: Array, means: Array
 ) -> tuple[Array, Array]:
-    """Functions (n, k) and their expectations (k,), with those controls that are not combinations of others."""
+    """Functions (n, k) and their expectations (k,), with those controls that are no combinations of others."""
     for control, mean in zip(controls.T, means, strict=True):
         root = np.sqrt(weights)
         size = float(np.sqrt(weights @ control**2))
@@ -257,14 +259,19 @@ def joined(first: SampleResult, second: SampleResult) -> SampleResult:
     """The points of both in this order, all with the same weight."""
     one, other = first.points, second.points
     count = len(first.germs)
+    states = None
+    if one.states is not None and other.states is not None:
+        states = np.concatenate([one.states, other.states])
     merged = SweepPoints(
-        *(np.concatenate([getattr(p, n) for p in (one, other)]) for n in ("iterations", "error", "seconds")),
-        np.concatenate([one.status, other.status]),
-        {name: np.concatenate([each, other.forces[name]]) for name, each in one.forces.items()},
-        {name: np.concatenate([each, other.jumps[name]]) for name, each in one.jumps.items()},
-        {**one.histories, **{count + k: each for k, each in other.histories.items()}},
-        [*one.order, *(count + k for k in other.order)],
-        None if one.states is None or other.states is None else np.concatenate([one.states, other.states]),
+        iterations=np.concatenate([one.iterations, other.iterations]),
+        error=np.concatenate([one.error, other.error]),
+        seconds=np.concatenate([one.seconds, other.seconds]),
+        status=np.concatenate([one.status, other.status]),
+        forces={name: np.concatenate([each, other.forces[name]]) for name, each in one.forces.items()},
+        jumps={name: np.concatenate([each, other.jumps[name]]) for name, each in one.jumps.items()},
+        histories={**one.histories, **{count + k: each for k, each in other.histories.items()}},
+        order=[*one.order, *(count + k for k in other.order)],
+        states=states,
         worst=np.concatenate([one.worst, other.worst]),
         largest=np.concatenate([one.largest, other.largest]),
         scatter=min(one.scatter, other.scatter),
@@ -343,7 +350,7 @@ def far_out(
         lines, shares = np.concatenate([lines, of_germs]), np.concatenate([shares, of_each])
     good = _lawful(result.random, lines)
     lines, shares = lines[good], shares[good]
-    values = np.zeros(0)
+    values: Array = np.zeros(0)
     if len(lines):
         samples = solved(result, lines, np.ones(len(lines)), rtol, quantity)
         complete(samples)
@@ -443,9 +450,10 @@ def checked_cold(
 def moments_of_sets(
     quantity: Wanted, values: Array, weights: Array, labels: Ints
 ) -> tuple[MeanStd, float, float]:
-    """The statistics of a quantity over sets, whose numbers are the labels (n,), with weights (n,) of sum 1, and
-    the errors of both."""
-    value = MeanStd(*quantity.statistic(values, weights))
+    """The statistics of a quantity over sets, whose numbers are the labels (n,), with weights (n,) of sum 1,
+    and the errors of both."""
+    mean, std = quantity.statistic(values, weights)
+    value = MeanStd(mean, std)
     sets = int(labels.max()) + 1
     each = [(values[labels == k], sets * weights[labels == k]) for k in range(sets)]
     own = np.array([[0.0 if x is None else x for x in quantity.statistic(v, w)] for v, w in each])
