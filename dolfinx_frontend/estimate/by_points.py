@@ -104,10 +104,13 @@ variance that a point far out lacks of it to be taken for that."""
 FEW_BEYOND = 5e-3
 """Probability of the piece of a tail of a germ that hardly a sample is in."""
 
-FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**19, 2**22
+FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**18, 2**22
 """Points of a set and of all sets by which what stands for a quantity is integrated, numbers at a time."""
 
-OF_INTEGRAL = 0.1
+PER_SAMPLE = 128
+"""The latter for every sample at most: what costs more than samples do is left to more of these."""
+
+OF_INTEGRAL = 0.2
 """Error of that, relative to the target."""
 
 FEWER = 8
@@ -375,7 +378,16 @@ class _Samples:
         # what is seldom is fitted for more than it weighs: the fit is asked far out, too
         weights = np.sqrt(self.drawn)
         found = hinged(self.space, germs, weights / weights.sum(), self.labels, self.values, sides)
-        return found if found is not None and found.rest < WORTH * self._spread() else None
+        if found is None:
+            return None
+        rest = float(np.sqrt(self.drawn @ (self.values - self._unseen(found)) ** 2))
+        return found._replace(rest=rest) if rest < WORTH * self._spread() else None
+
+    def _unseen(self, fit: Hinged) -> Array:
+        """Values of the fits that have not seen the set of a point."""
+        assert self.samples is not None
+        found: Array = fit(self.space, self.samples.germs)[np.arange(len(self.labels)), self.labels]
+        return found
 
     def _spread(self) -> float:
         mean = self.drawn @ self.values
@@ -389,8 +401,7 @@ class _Samples:
         about = float(self.drawn @ self.values), self._spread()
         if isinstance(quantity, Quantile):
             about = quantity.statistic(self.values, self.drawn)[0], about[1]
-        unseen = fit(self.space, germs)[np.arange(len(self.labels)), self.labels]
-        controls = quantity.controls(unseen, *about)
+        controls = quantity.controls(self._unseen(fit), *about)
         means, doubts = self._expected(fit, about, target)
         lacks = quantity.controls(self.values, *about) - controls
         own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
@@ -415,11 +426,11 @@ class _Samples:
 
         That of the last one is made by many points, what the others differ by, which is little, by fewer.
         """
-        count = FIRST_COUNT
+        count, most = FIRST_COUNT, min(MOST_COUNT, PER_SAMPLE * len(self.values))
         while True:
             of_all = self._integrals(fit, about, count, slice(SETS, None))
             doubts = SURE * of_all.std(axis=0, ddof=1)[0] / np.sqrt(SETS)
-            if doubts.max() <= OF_INTEGRAL * target or count * SETS >= MOST_COUNT:
+            if doubts.max() <= OF_INTEGRAL * target or count * SETS >= most:
                 break
             count *= 4
         every = self._integrals(fit, about, max(count // FEWER, FIRST_COUNT), slice(None))
@@ -534,7 +545,7 @@ def by_samples(
             size, whole = sizes(said.value)
             about = drawn.about_to_lack(fit)
             ahead = min(share_of(about, size), share_of(about, whole))
-            if ahead <= FAR * target or each * SETS >= most:
+            if ahead <= FAR * target or each * SETS >= MOST_SAMPLES:
                 said = drawn.less(fit, target)
                 relative = relative_of(said)
             else:

@@ -129,8 +129,7 @@ def wide_points(
     for middle, scale, number in kinds:
         away = own - 0.5 * np.sum((z - middle) ** 2, axis=1) / scale**2 - dimension * np.log(scale)
         density += number / count * np.exp(np.minimum(away, 700.0))
-    weights: Array = 1.0 / density
-    return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), weights
+    return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), np.asarray(1.0 / density, dtype=np.float64)
 
 
 def calibrated(
@@ -168,7 +167,7 @@ def calibrated(
 def _with_controls(
     psi: Array, wanted: Array, weights: Array, controls: Array, means: Array
 ) -> tuple[Array, Array]:
-    """Functions (n, k) and their expectations (k,), with those controls that are no combinations of others."""
+    """Functions (n, k) and their expectations (k,), with those controls that are no combination of others."""
     for control, mean in zip(controls.T, means, strict=True):
         root = np.sqrt(weights)
         size = float(np.sqrt(weights @ control**2))
@@ -430,8 +429,9 @@ def checked_cold(
     weight = np.abs(weights) * (values - weights @ values) ** 2
     ranked = np.argsort(-weight, kind="stable")
     if apart is not None:
-        first = np.concatenate([ranked[: CHECKED // 2], np.argsort(-np.abs(apart), kind="stable")[:CHECKED]])
-        ranked = np.array(list(dict.fromkeys([*first.tolist(), *ranked.tolist()])))
+        outside = np.argsort(-np.abs(apart), kind="stable")[:CHECKED]
+        first = np.concatenate([ranked[: CHECKED // 2], outside, ranked])
+        ranked = first[np.sort(np.unique(first, return_index=True)[1])]
     rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
     away = []
     groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
