@@ -99,13 +99,19 @@ SEEN_TO = 0.05
 """Accuracy from which on points far out judge, too."""
 
 FAR_AWAY, FAR_OUT = 1.0, 1e-3
-"""Normal score of what the deviation comes from beyond which it is drawn on its own, and share of the variance
-that a point far out lacks of it to be taken for that."""
+"""Normal score of what the deviation comes from beyond which it is drawn on its own, and share of the
+variance that a point far out lacks of it to be taken for that."""
 
-FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**20, 2**22
-"""Points of a set and of all sets by which what stands for a quantity is integrated, and numbers at a time."""
+FEW_BEYOND = 5e-3
+"""Probability of the piece of a tail of a germ that hardly a sample is in."""
 
-OF_INTEGRAL = 0.1
+FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**18, 2**22
+"""Points of a set and of all sets by which what stands for a quantity is integrated, numbers at a time."""
+
+PER_SAMPLE = 128
+"""The latter for every sample at most: what costs more than samples do is left to more of these."""
+
+OF_INTEGRAL = 0.2
 """Error of that, relative to the target."""
 
 FEWER = 8
@@ -294,7 +300,7 @@ def _most_samples(result: ChaosResult) -> int:
 
 def _drawn(
     space: RandomSpace, each: int, centre: Array | None
-) -> tuple[Array, Array, Ints, list[tuple[int, ...]]]:
+) -> tuple[Array, Array, Ints, list[tuple[int, int, int]]]:
     """Points (n, L), weights (n,), numbers of the sets (n,) and names of the points, the same ones in larger
     sets of the same germs."""
     sets = [wide_points(space, each, seed, centre) for seed in range(SETS)]
@@ -302,7 +308,8 @@ def _drawn(
     names = [(k, kind, i) for k in range(SETS) for kind, count in enumerate(counts) for i in range(count)]
     points = np.concatenate([p for p, _ in sets])
     weights = np.concatenate([w / w.sum() for _, w in sets]) / SETS
-    return points, weights, np.repeat(np.arange(SETS), each), names
+    labels: Ints = np.repeat(np.arange(SETS, dtype=np.int64), each)
+    return points, np.asarray(weights, dtype=np.float64), labels, names
 
 
 class _Sampled(NamedTuple):
@@ -323,9 +330,11 @@ class _Samples:
         self.space = result.space
         self.centre: Array | None = None
         self.samples: SampleResult | None = None
-        self.names: list[tuple[int, ...]] = []
-        self.values = np.zeros(0)
-        self.drawn, self.labels, self.each = np.zeros(0), np.zeros(0, dtype=np.int64), 0
+        self.names: list[tuple[int, int, int]] = []
+        self.values: Array = np.zeros(0)
+        self.drawn: Array = np.zeros(0)
+        self.labels: Ints = np.zeros(0, dtype=np.int64)
+        self.each = 0
         self._known: dict[Any, tuple[Array, Array]] = {}
 
     def grow(self, each: int) -> SampleResult:
@@ -366,8 +375,19 @@ class _Samples:
         """What stands for the quantity."""
         assert self.samples is not None
         germs, sides = self.samples.germs, sides_of(self.samples)
-        found = hinged(self.space, germs, self.drawn, self.labels, self.values, sides)
-        return found if found is not None and found.rest < WORTH * self._spread() else None
+        # what is seldom is fitted for more than it weighs: the fit is asked far out, too
+        weights = np.sqrt(self.drawn)
+        found = hinged(self.space, germs, weights / weights.sum(), self.labels, self.values, sides)
+        if found is None:
+            return None
+        rest = float(np.sqrt(self.drawn @ (self.values - self._unseen(found)) ** 2))
+        return found._replace(rest=rest) if rest < WORTH * self._spread() else None
+
+    def _unseen(self, fit: Hinged) -> Array:
+        """Values of the fits that have not seen the set of a point."""
+        assert self.samples is not None
+        found: Array = fit(self.space, self.samples.germs)[np.arange(len(self.labels)), self.labels]
+        return found
 
     def _spread(self) -> float:
         mean = self.drawn @ self.values
@@ -375,14 +395,13 @@ class _Samples:
 
     def less(self, fit: Hinged, target: float) -> _Sampled:
         """With what stands for the quantity as exact as polynomials are: its expectation is that of many
-        points, and sets that it has not seen tell what it lacks."""
+        points, and sets that a fit has not seen tell what it lacks."""
         assert self.samples is not None
         quantity, germs = self.quantity, self.samples.germs
         about = float(self.drawn @ self.values), self._spread()
         if isinstance(quantity, Quantile):
             about = quantity.statistic(self.values, self.drawn)[0], about[1]
-        unseen = fit(self.space, germs)[np.arange(len(self.labels)), self.labels]
-        controls = quantity.controls(unseen, *about)
+        controls = quantity.controls(self._unseen(fit), *about)
         means, doubts = self._expected(fit, about, target)
         lacks = quantity.controls(self.values, *about) - controls
         own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
@@ -403,13 +422,15 @@ class _Samples:
         return _Sampled(weights, value, float(wrong[0]), float(wrong[1]), how)
 
     def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
-        """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these: that of
-        the last one by many points, what the others differ by, which is little, by fewer."""
-        count = FIRST_COUNT
+        """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
+
+        That of the last one is made by many points, what the others differ by, which is little, by fewer.
+        """
+        count, most = FIRST_COUNT, min(MOST_COUNT, PER_SAMPLE * len(self.values))
         while True:
             of_all = self._integrals(fit, about, count, slice(SETS, None))
             doubts = SURE * of_all.std(axis=0, ddof=1)[0] / np.sqrt(SETS)
-            if doubts.max() <= OF_INTEGRAL * target or count * SETS >= MOST_COUNT:
+            if doubts.max() <= OF_INTEGRAL * target or count * SETS >= most:
                 break
             count *= 4
         every = self._integrals(fit, about, max(count // FEWER, FIRST_COUNT), slice(None))
@@ -432,7 +453,7 @@ class _Samples:
         return np.array(found)
 
     def _many(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Points of one of the sets by which what stands for the quantity is integrated, and their weights."""
+        """Points of a set by which what stands for the quantity is integrated, and their weights."""
         key = count, seed, None if self.centre is None else tuple(self.centre)
         if key not in self._known:
             points, weights = wide_points(self.space, count, 1000 + seed, self.centre)
@@ -454,14 +475,31 @@ class _Samples:
         apart = None if fit is None else self.values - fit(self.space, samples.germs)[:, -1]
         return checked_cold(self.result, samples, self.quantity, self.values, apart)
 
+    def steepest(self) -> Array:
+        """Direction (L,) of the normal scores in which the quantity changes most."""
+        assert self.samples is not None
+        z = self.space.to_normal(self.samples.germs)
+        along = (self.drawn * (self.values - self.drawn @ self.values)) @ z
+        size = float(np.linalg.norm(along))
+        return np.asarray(along / size if size > 0.0 else np.eye(1, len(along))[0], dtype=np.float64)
+
     def far(self, seen: Witnesses, fit: Hinged, value: MeanStd) -> MeanStd:
-        """What points far out lack of what stands for the quantity: errors of mean and deviation."""
-        rest = seen.values - fit(self.space, seen.points)[:, -1]
-        size = float(np.sqrt(seen.tails @ rest**2))
+        """What points far out lack of what stands for the quantity: errors of mean and deviation.
+
+        Beyond three deviations there are hardly samples, and all that it lacks counts; before, what it lacks
+        is in the error of the samples if it is not rare, and its square is what the variance lacks.
+        """
         std = value.std or 0.0
-        if not std > 0.0:
+        if not std > 0.0 or not len(seen.points):
             return MeanStd(0.0, 0.0)
-        return MeanStd(0.5 * size * min(size / std, 1.0), SAFE * (float(np.sqrt(std**2 + size**2)) - std))
+        guess = fit(self.space, seen.points)[:, -1]
+        rest = seen.values - guess
+        size = float(np.sqrt(seen.tails @ rest**2))
+        alone = np.where((seen.tails > 0.0) & (seen.tails < FEW_BEYOND), seen.tails, 0.0)
+        square = alone @ np.abs((seen.values - value.mean) ** 2 - (guess - value.mean) ** 2)
+        of_mean = max(0.5 * size * min(size / std, 1.0), float(alone @ np.abs(rest)))
+        of_std = max(SAFE * (float(np.sqrt(std**2 + size**2)) - std), 0.5 * float(square) / std)
+        return MeanStd(of_mean, of_std)
 
     def look_far(self, seen: Witnesses | None, fit: Hinged | None) -> None:
         """Draw where the deviation comes from, if that is far out."""
@@ -486,6 +524,7 @@ def by_samples(
     notes: tuple[str, ...] = ()
     drawn = _Samples(result, quantity, rtol)
     judged = not isinstance(quantity, Quantile) and target < SEEN_TO
+    far: Witnesses | None = None
     while True:
         drawn.grow(each)
         said, fit = drawn.plain(), None
@@ -506,15 +545,15 @@ def by_samples(
             size, whole = sizes(said.value)
             about = drawn.about_to_lack(fit)
             ahead = min(share_of(about, size), share_of(about, whole))
-            if ahead <= FAR * target or each * SETS >= most:
+            if ahead <= FAR * target or each * SETS >= MOST_SAMPLES:
                 said = drawn.less(fit, target)
                 relative = relative_of(said)
             else:
                 relative = min(relative, ahead)
         if relative <= 0.6 * target and judged and fit is not None:
-            if seen is None:
-                seen = far_out(result, quantity, drawn.rtol, complete)
-            off = drawn.far(seen, fit, said.value)
+            if far is None:
+                far = far_out(result, quantity, drawn.rtol, complete, drawn.steepest(), seen)
+            off = drawn.far(far, fit, said.value)
             said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
             relative = relative_of(said)
         size, whole = sizes(said.value)
@@ -539,17 +578,17 @@ def by_samples(
             notes = (f"{total} samples: more are left to you, see quasi_monte_carlo",)
             if nothing:
                 notes += (
-                    "no sample has met what makes the quantity differ from 0: what happens so seldom, and how "
-                    "often it does, is found by lf.reliability",
+                    "no sample has met what makes the quantity differ from 0: lf.reliability finds what "
+                    "happens so seldom, and how often it does",
                 )
             elif lost:
                 notes += (
-                    f"the mean {said.value.mean:.3g} cannot be told from 0 (+- {said.mean:.1g}, the deviation "
-                    f"is {said.value.std:.3g}): no error is small relative to it; ask for a function that adds "
-                    "what the quantity is to be compared with",
+                    f"the mean {said.value.mean:.3g} cannot be told from 0 (+- {said.mean:.1g}, the "
+                    f"deviation is {said.value.std:.3g}): no error is small relative to it; ask for a "
+                    "function that adds what the quantity is to be compared with",
                 )
             break
-        drawn.look_far(seen, fit)
+        drawn.look_far(far, fit)
         each = min(each * factor, most // SETS)
     unseen = np.inf if nothing else None
     truncation = ErrorShare(np.nan, unseen or said.mean, unseen or said.std, said.how)

@@ -1,17 +1,17 @@
 """Polynomials with hinges: what stands for a quantity that has kinks where it is integrated.
 
-Where a contact opens, a quantity stays continuous and changes its slope. A *hinged polynomial* of the germs is
+Where a contact opens, a quantity stays continuous and changes its slope. A *hinged polynomial* is
 
     s = p_0 + sum_j h_j,    h_j = max(p_j, 0) or min(p_j, 0),
 
 smooth on both sides of every kink, wherever that is: its place is the zero of a polynomial and is found with
-it. With the points on the side of p_j known, all coefficients are those of a linear least-squares fit, whose p_j
-say the sides anew (hinging hyperplanes: Breiman, IEEE Trans. Inf. Theory 39, 1993); the contact status of solved
-points tells where to begin.
+it. With the points on the side of p_j known, all coefficients are those of a linear least-squares fit, whose
+p_j say the sides anew (hinging hyperplanes: Breiman, IEEE Trans. Inf. Theory 39, 1993); the contact status of
+solved points tells where to begin.
 
-It is no answer. It is fitted to all sets of samples but one, integrated with many points, and corrected by what
-the set that it has not seen lacks: an estimate without bias, however bad the fit, whose error is that of a
-difference (control variates with cross-fitting).
+It is no answer. It is fitted to all sets of samples but one, integrated with many points, and corrected by
+what the set that it has not seen lacks: an estimate without bias, however bad the fit, whose error is that of
+a difference (control variates with cross-fitting).
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ FEW, AGAIN = 1024, 3
 WORSE = 5.0
 """Residual, relative to the best, above which a degree more is not tried."""
 
-BEYOND = 0.5
-"""How far a value may be outside those of the points, relative to their range."""
+BEYOND = 5.0
+"""How far a value may be outside those of the points, relative to their range: it may grow far out."""
 
 
 class Hinged(NamedTuple):
@@ -116,7 +116,7 @@ class _Terms(NamedTuple):
     values: Array  # (n,)
 
     def used(self, inside: Sequence[Flags], order: int) -> list[Flags] | None:
-        """Terms of every piece, of as high a degree as its points allow; None: they allow not even degree 1."""
+        """Terms of every piece, of as high a degree as its points allow; None: they do not allow degree 1."""
         outside = ~np.any(inside, axis=0) if len(inside) else np.ones(len(self.psi), dtype=bool)
         out = []
         for piece in (outside, *inside):
@@ -223,7 +223,7 @@ def _cuts(terms: _Terms) -> list[Flags]:
 def _kinks(terms: _Terms, sides: Sequence[Flags]) -> list[Array]:
     """Hinges (hinges, terms): none, the best one, that and the one that helps most beside it, and so on."""
     plain = _fitted(terms, [], SEARCHED)
-    out = [np.zeros((0, terms.psi.shape[1]))]
+    out: list[Array] = [np.zeros((0, terms.psi.shape[1]))]
     if plain is None:
         return out
     inside: list[Flags] = []
@@ -261,7 +261,7 @@ def hinged(
     spread = float(np.sqrt(weights @ (values - mean) ** 2))
     if not spread > 0.0:
         return None
-    scaled = (values - mean) / spread
+    scaled: Array = np.asarray((values - mean) / spread, dtype=np.float64)
     margin = BEYOND * (scaled.max() - scaled.min())
     span = scaled.min() - margin, scaled.max() + margin
     best: Hinged | None = None
@@ -277,7 +277,8 @@ def hinged(
         if order <= SEARCHED:
             few = _Terms(terms.psi[:FEW], degrees, weights[:FEW] / weights[:FEW].sum(), scaled[:FEW])
             known = (each[:FEW] for way in ways for each in way)
-            ways = [[terms.psi @ h > 0.0 for h in way] for way in _kinks(few, [*(s[:FEW] for s in sides), *known])]
+            kinks = _kinks(few, [*(each[:FEW] for each in sides), *known])
+            ways = [[terms.psi @ each > 0.0 for each in way] for way in kinks]
         going = []
         for way in ways:
             fit = _fitted(terms, way, order, AGAIN)

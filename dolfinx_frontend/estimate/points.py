@@ -110,11 +110,12 @@ def wide_points(
 ) -> tuple[Array, Array]:
     """Points (count, L) of the germs and weights (count,) of mean about 1; half of a power of two each.
 
-    `centre`: normal scores (L,) of what happens far out and seldom, where half of the wider ones are then drawn.
+    `centre`: normal scores (L,) of what happens far out and seldom: half of the wider ones are drawn there.
     """
     dimension = space.dimension
-    nowhere, wide = np.zeros(dimension), np.sqrt(1.0 + 3.0 / dimension)
-    kinds = [(nowhere, 1.0, count // 2), (nowhere, wide, count // 2)]
+    nowhere: Array = np.zeros(dimension)
+    wide = float(np.sqrt(1.0 + 3.0 / dimension))
+    kinds: list[tuple[Array, float, int]] = [(nowhere, 1.0, count // 2), (nowhere, wide, count // 2)]
     if centre is not None:
         kinds[1:] = [(nowhere, wide, count // 4), (centre, 1.0, count // 4)]
     tiny = 2.0**-54
@@ -128,7 +129,7 @@ def wide_points(
     for middle, scale, number in kinds:
         away = own - 0.5 * np.sum((z - middle) ** 2, axis=1) / scale**2 - dimension * np.log(scale)
         density += number / count * np.exp(np.minimum(away, 700.0))
-    return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), 1.0 / density
+    return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), np.asarray(1.0 / density, dtype=np.float64)
 
 
 def calibrated(
@@ -166,7 +167,7 @@ def calibrated(
 def _with_controls(
     psi: Array, wanted: Array, weights: Array, controls: Array, means: Array
 ) -> tuple[Array, Array]:
-    """Functions (n, k) and their expectations (k,), with those controls that are not combinations of others."""
+    """Functions (n, k) and their expectations (k,), with those controls that are no combination of others."""
     for control, mean in zip(controls.T, means, strict=True):
         root = np.sqrt(weights)
         size = float(np.sqrt(weights @ control**2))
@@ -257,14 +258,19 @@ def joined(first: SampleResult, second: SampleResult) -> SampleResult:
     """The points of both in this order, all with the same weight."""
     one, other = first.points, second.points
     count = len(first.germs)
+    states = None
+    if one.states is not None and other.states is not None:
+        states = np.concatenate([one.states, other.states])
     merged = SweepPoints(
-        *(np.concatenate([getattr(p, n) for p in (one, other)]) for n in ("iterations", "error", "seconds")),
-        np.concatenate([one.status, other.status]),
-        {name: np.concatenate([each, other.forces[name]]) for name, each in one.forces.items()},
-        {name: np.concatenate([each, other.jumps[name]]) for name, each in one.jumps.items()},
-        {**one.histories, **{count + k: each for k, each in other.histories.items()}},
-        [*one.order, *(count + k for k in other.order)],
-        None if one.states is None or other.states is None else np.concatenate([one.states, other.states]),
+        iterations=np.concatenate([one.iterations, other.iterations]),
+        error=np.concatenate([one.error, other.error]),
+        seconds=np.concatenate([one.seconds, other.seconds]),
+        status=np.concatenate([one.status, other.status]),
+        forces={name: np.concatenate([each, other.forces[name]]) for name, each in one.forces.items()},
+        jumps={name: np.concatenate([each, other.jumps[name]]) for name, each in one.jumps.items()},
+        histories={**one.histories, **{count + k: each for k, each in other.histories.items()}},
+        order=[*one.order, *(count + k for k in other.order)],
+        states=states,
         worst=np.concatenate([one.worst, other.worst]),
         largest=np.concatenate([one.largest, other.largest]),
         scatter=min(one.scatter, other.scatter),
@@ -326,17 +332,39 @@ def witnesses(
 
 
 def far_out(
-    result: ChaosResult, quantity: Wanted, rtol: float, complete: Callable[[SampleResult], None]
+    result: ChaosResult,
+    quantity: Wanted,
+    rtol: float,
+    complete: Callable[[SampleResult], None],
+    along: Array,
+    seen: Witnesses | None = None,
 ) -> Witnesses:
-    """Those of the witnesses that lie far out along each germ."""
-    lines, shares = _tails(result.space)
+    """Those of the witnesses that lie far out along each germ, solved unless `seen` has them, and others both
+    ways along a direction (L,) of the normal scores."""
+    space = result.space
+    scores = np.concatenate([-TAIL[::-1], TAIL])
+    lines, shares = space.from_normal(scores[:, None] * along), _shares(scores)
+    if seen is None:
+        of_germs, of_each = _tails(space)
+        lines, shares = np.concatenate([lines, of_germs]), np.concatenate([shares, of_each])
     good = _lawful(result.random, lines)
-    if not good.any():
-        return Witnesses(lines[good], shares[good], shares[good], shares[good])
-    samples = solved(result, lines[good], np.ones(int(good.sum())), rtol, quantity)
-    complete(samples)
-    nothing = np.zeros(int(good.sum()))
-    return Witnesses(lines[good], nothing, shares[good], quantity.at_end(samples, samples))
+    lines, shares = lines[good], shares[good]
+    values: Array = np.zeros(0)
+    if len(lines):
+        samples = solved(result, lines, np.ones(len(lines)), rtol, quantity)
+        complete(samples)
+        values = quantity.at_end(samples, samples)
+    if seen is not None:
+        lines = np.concatenate([seen.points, lines])
+        shares = np.concatenate([seen.tails, shares])
+        values = np.concatenate([seen.values, values])
+    return Witnesses(lines, np.zeros(len(lines)), shares, values)
+
+
+def _shares(scores: Array) -> Array:
+    """Probability of the piece of a tail that a normal score stands for."""
+    half = 0.5 * (TAIL[1] - TAIL[0])
+    return np.asarray(ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half))
 
 
 def _tails(space: RandomSpace) -> tuple[Array, Array]:
@@ -345,15 +373,13 @@ def _tails(space: RandomSpace) -> tuple[Array, Array]:
     if dimension > MOST_LINES:
         return np.zeros((0, dimension)), np.zeros(0)
     scores = np.concatenate([-TAIL[::-1], TAIL])
-    half = 0.5 * (TAIL[1] - TAIL[0])
-    share = ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half)
     tiny = 2.0**-54
     count = 2 ** int(np.ceil(np.log2(dimension * len(scores))))
     drawn = sobol_points(dimension, count, np.random.default_rng(54321))[: dimension * len(scores)]
     z = ndtri(np.clip(drawn, tiny, 1.0 - tiny))
     for germ in range(dimension):
         z[germ * len(scores) : (germ + 1) * len(scores), germ] = scores
-    return space.from_uniform(ndtr(z)), np.tile(share, dimension)
+    return space.from_uniform(ndtr(z)), np.tile(_shares(scores), dimension)
 
 
 def misfit(seen: Witnesses, approximate: Array, value: MeanStd) -> Misfit:
@@ -403,8 +429,9 @@ def checked_cold(
     weight = np.abs(weights) * (values - weights @ values) ** 2
     ranked = np.argsort(-weight, kind="stable")
     if apart is not None:
-        first = np.concatenate([ranked[: CHECKED // 2], np.argsort(-np.abs(apart), kind="stable")[:CHECKED]])
-        ranked = np.array(list(dict.fromkeys([*first.tolist(), *ranked.tolist()])))
+        outside = np.argsort(-np.abs(apart), kind="stable")[:CHECKED]
+        first = np.concatenate([ranked[: CHECKED // 2], outside, ranked])
+        ranked = first[np.sort(np.unique(first, return_index=True)[1])]
     rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
     away = []
     groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
@@ -423,9 +450,10 @@ def checked_cold(
 def moments_of_sets(
     quantity: Wanted, values: Array, weights: Array, labels: Ints
 ) -> tuple[MeanStd, float, float]:
-    """The statistics of a quantity over sets, whose numbers are the labels (n,), with weights (n,) of sum 1, and
-    the errors of both."""
-    value = MeanStd(*quantity.statistic(values, weights))
+    """The statistics of a quantity over sets, whose numbers are the labels (n,), with weights (n,) of sum 1,
+    and the errors of both."""
+    mean, std = quantity.statistic(values, weights)
+    value = MeanStd(mean, std)
     sets = int(labels.max()) + 1
     each = [(values[labels == k], sets * weights[labels == k]) for k in range(sets)]
     own = np.array([[0.0 if x is None else x for x in quantity.statistic(v, w)] for v, w in each])
