@@ -88,7 +88,7 @@ def memory_of_pieces(nodes: Nodes) -> float:
     c, b = d * nodes.count_shared, d * nodes.count_face
     factor = _FILL * float(own + kept) ** (4.0 / 3.0) if d == 3 else 6.0 * own * np.log2(own + 2.0)
     factor += 0.5 * float(kept) ** 2
-    return 8.0 * (factor + 2.0 * float(kept) ** 2 + float(c) ** 2 + float(c) * b + 1.5 * float(b) ** 2)
+    return 8.0 * (factor + 2.0 * float(kept) ** 2 + float(c) ** 2 + float(c) * b + 3.0 * float(b) ** 2)
 
 
 class Pieces:
