@@ -9,7 +9,6 @@ These are dense, and summed. c is eliminated by all ranks, each of which has som
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import dolfinx.fem as fem
