@@ -91,8 +91,9 @@ def _along(part: Any, space: Any, faces: Sequence[str]) -> _Skin:
     facets, values, cells = facets[own], values[own], cells[own]
     kept, of_kept = np.unique(cells, return_inverse=True)
     to_facet = topology.connectivity(tdim, tdim - 1)
-    a_cell = len(to_facet.links(0))
-    number = np.argmax(to_facet.array.reshape(-1, a_cell)[cells] == facets[:, None], axis=1)
+    count = len(to_facet.offsets) - 1  # 0 on a rank without cells
+    by_cell = to_facet.array.reshape(count, -1) if count else np.zeros((0, 1), dtype=np.int32)
+    number = np.argmax(by_cell[cells] == facets[:, None], axis=1)
     geometry, unknowns = cell_nodes(mesh)[kept], np.asarray(space.dofmap.list)[kept]
     local_nodes, local_dofs = np.unique(geometry), np.unique(unknowns)
     global_nodes = mesh.geometry.index_map().local_to_global(local_nodes.astype(np.int32))
