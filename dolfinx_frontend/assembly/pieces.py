@@ -9,7 +9,6 @@ These are dense, and summed. c is eliminated by all ranks, each of which has som
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import dolfinx.fem as fem
@@ -88,7 +87,7 @@ def memory_of_pieces(nodes: Nodes) -> float:
     c, b = d * nodes.count_shared, d * nodes.count_face
     factor = _FILL * float(own + kept) ** (4.0 / 3.0) if d == 3 else 6.0 * own * np.log2(own + 2.0)
     factor += 0.5 * float(kept) ** 2
-    return 8.0 * (factor + 2.0 * float(kept) ** 2 + float(c) ** 2 + float(c) * b + 1.5 * float(b) ** 2)
+    return 8.0 * float(factor + 2.0 * float(kept) ** 2 + float(c) ** 2 + float(c) * b + 3.0 * float(b) ** 2)
 
 
 class Pieces:
@@ -129,9 +128,10 @@ class Pieces:
         c, b = d * self._nodes.count_shared, d * self._nodes.count_face
         own = self._own.take_schur()
         for start in range(0, len(own), BLOCK):  # only its lower triangle is there
-            some = slice(start, start + BLOCK)
-            own[some, some] = np.tril(own[some, some]) + np.tril(own[some, some], -1).T
-            own[some, start + BLOCK :] = own[start + BLOCK :, some].T
+            end = start + BLOCK
+            lower = np.tril(own[start:end, start:end])
+            own[start:end, start:end] = lower + np.tril(lower, -1).T
+            own[start:end, end:] = own[end:, start:end].T
         split = len(self._shared)
         total = np.zeros((c, c))
         total[np.ix_(self._shared, self._shared)] = own[:split, :split]
@@ -156,9 +156,9 @@ class Pieces:
             block[np.ix_(self._face[some] - start, self._face[below] - start)] = on_faces[np.ix_(some, below)]
             if start in mine:
                 block -= mine.pop(start)
-            whole = np.empty_like(block) if found is not None else None
+            whole: Array | None = np.empty_like(block) if found is not None else None
             comm.Reduce(block, whole, root=owner)
-            if found is not None:
+            if found is not None and whole is not None:
                 found[start : start + wide, start:] = whole
                 found[start:, start : start + wide] = whole.T
         return found

@@ -55,7 +55,7 @@ PREFIX = "latin_part_"
 _TOGETHER = 27
 """MUMPS' ICNTL for that number."""
 
-_OF_MUMPS = 45.0
+_OF_MUMPS = 90.0
 """Numbers in its memory, over n^(4/3), of all ranks."""
 
 MOST = 16_000
@@ -91,8 +91,9 @@ def _along(part: Any, space: Any, faces: Sequence[str]) -> _Skin:
     facets, values, cells = facets[own], values[own], cells[own]
     kept, of_kept = np.unique(cells, return_inverse=True)
     to_facet = topology.connectivity(tdim, tdim - 1)
-    a_cell = len(to_facet.links(0))
-    number = np.argmax(to_facet.array.reshape(-1, a_cell)[cells] == facets[:, None], axis=1)
+    count = len(to_facet.offsets) - 1  # 0 on a rank without cells
+    by_cell = to_facet.array.reshape(count, -1) if count else np.zeros((0, 1), dtype=np.int32)
+    number = np.argmax(by_cell[cells] == facets[:, None], axis=1)
     geometry, unknowns = cell_nodes(mesh)[kept], np.asarray(space.dofmap.list)[kept]
     local_nodes, local_dofs = np.unique(geometry), np.unique(unknowns)
     global_nodes = mesh.geometry.index_map().local_to_global(local_nodes.astype(np.int32))
@@ -477,13 +478,13 @@ def _way(form: Any, space: Any, places: Ints, where: str) -> Pieces | _Together:
     pieces = comm.allreduce(memory_of_pieces(nodes), op=MPI.MAX)
     kept = float(d * len(places))
     count = float(space.dofmap.index_map.size_global * d)
-    together = 8.0 * (_OF_MUMPS * count ** (4.0 / 3.0) / comm.size + 1.5 * kept**2)
+    together = 8.0 * (_OF_MUMPS * count ** (4.0 / 3.0) / comm.size + 3.0 * kept**2)
     least = min(pieces, together)
     if least > free and comm.rank == 0:
         warn(
-            f"{where}: its {count:.0f} unknowns, {kept:.0f} of them on faces, need about {1e-9 * least:.3g} GB on "
-            f"each of {comm.size} ranks, and {1e-9 * free:.3g} GB are free: take more ranks or machines, or a "
-            "coarser mesh",
+            f"{where}: its {count:.0f} unknowns, {kept:.0f} of them on faces, need about "
+            f"{1e-9 * least:.3g} GB on each of {comm.size} ranks, and {1e-9 * free:.3g} GB are free: take "
+            "more ranks or machines, or a coarser mesh",
             SceneWarning,
         )
     if pieces > free and together < pieces:
@@ -569,15 +570,17 @@ def _part(
     coordinates = face.space.tabulate_dof_coordinates()[:, :d].copy()
     count = coordinates.size
     ascending = np.argsort(rows)
-    dense = total[np.ix_(ascending, ascending)]
+    total[:] = total[np.ix_(ascending, ascending)]  # in its place: it is large
     starts = np.zeros(count + 1, dtype=np.int32)
     starts[rows + 1] = len(rows)
     columns = np.tile(rows[ascending].astype(np.int32), len(rows))
-    kept = sp.csr_matrix((dense.ravel(), columns, np.cumsum(starts)), shape=(count, count))
+    stiffness = sp.csr_matrix((total.ravel(), columns, np.cumsum(starts)), shape=(count, count))
+    del columns
     off = np.ones(count)
     off[rows] = 0.0
-    springs = sp.diags(off * float(np.mean(np.diag(dense))))
+    springs = sp.diags(off * float(np.mean(np.diag(total))))
     tied = sp.diags(off) - face.follows
+    stiffness = (stiffness + tied.T @ springs @ tied).tocsr()
     loads: dict[Any, Array] = {}
     for amplitude, own in forces.items():
         loads[amplitude] = np.zeros(count)
@@ -587,7 +590,7 @@ def _part(
         name=spec.name,
         part=spec.part,
         space=face.space,
-        stiffness=petsc_matrix((kept + tied.T @ springs @ tied).tocsr()),
+        stiffness=petsc_matrix(stiffness),
         load=loads.pop(None, np.zeros(count)),
         rigid_modes=rigid_modes(coordinates, centre, length).reshape(count, -1),
         modulus=modulus,
