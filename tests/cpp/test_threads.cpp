@@ -71,8 +71,7 @@ TEST(Threads, EveryPieceIsDoneOnceByOneThreadAtATime) {
 TEST(Threads, LittleWorkStaysWithTheCaller) {
   const Threads some(2);
   const auto caller = std::this_thread::get_id();
-  latin::in_lanes(8, 100.0,
-                  [&](std::size_t) { EXPECT_EQ(std::this_thread::get_id(), caller); });
+  latin::in_lanes(8, 100.0, [&](std::size_t) { EXPECT_EQ(std::this_thread::get_id(), caller); });
   latin::in_lanes(1, large, [&](std::size_t) { EXPECT_EQ(std::this_thread::get_id(), caller); });
   latin::in_lanes(0, large, [](std::size_t) { FAIL(); });
 }

@@ -78,9 +78,7 @@ void DenseLU::update(Index panel, Index column, Index columns) {
   exchange(panel, column, columns);
   const Index below = factors_.rows() - panel - width;
   auto top = factors_.block(panel, column, width, columns);
-  factors_.block(panel, panel, width, width)
-      .triangularView<Eigen::UnitLower>()
-      .solveInPlace(top);
+  factors_.block(panel, panel, width, width).triangularView<Eigen::UnitLower>().solveInPlace(top);
   factors_.block(panel + width, column, below, columns).noalias() -=
       factors_.block(panel + width, panel, below, width) * top;
 }

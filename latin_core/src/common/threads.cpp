@@ -212,8 +212,8 @@ SerialAlgebra::~SerialAlgebra() {
 void side_by_side(const std::vector<std::size_t>& order,
                   const std::function<void(std::size_t)>& work) {
   // all are called, and the first failure is that of the smallest number
-  std::vector<std::exception_ptr> failures(
-      order.empty() ? 0 : *std::ranges::max_element(order) + 1);
+  std::vector<std::exception_ptr> failures(order.empty() ? 0
+                                                         : *std::ranges::max_element(order) + 1);
   const auto attempt = [&](std::size_t piece) {
     try {
       work(order[piece]);

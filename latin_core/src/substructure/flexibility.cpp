@@ -93,9 +93,8 @@ void Flexibility::add_bodies() {
     }
   }
   const double numbers = operations / operations_per_number;
-  in_lanes(parts_.size(), numbers, [&](std::size_t piece) {
-    add_body(*parts_[piece].body, parts_[piece].first_row);
-  });
+  in_lanes(parts_.size(), numbers,
+           [&](std::size_t piece) { add_body(*parts_[piece].body, parts_[piece].first_row); });
   for (Part& part : parts_) {
     const SparseRows& trace = part.body->active_traces();
     const Vector robin = part.body->weights().cwiseProduct(part.body->directions());

@@ -237,8 +237,8 @@ void GlobalStage::add_sizes(std::size_t b, ConstMatrixRef data, ConstMatrixRef t
     Vector energies(traces.cols());
     for (Index column = 0; column < traces.cols(); ++column) {
       energies(column) = structure.straining(b, traces.col(column))
-                        .cwiseProduct(body.weights())
-                        .dot(f.col(column));
+                             .cwiseProduct(body.weights())
+                             .dot(f.col(column));
     }
     return energies;
   };
@@ -271,9 +271,9 @@ std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, Cons
     if (const ScaledColumns* scaled = laws.scaled(b)) {
       Matrix traces(body.rows(), data.cols());
       global.apply_scaled(b, of_sides, amplitudes, traces, own.work);
-      of_bodies[b] = scaled->body->displacements(scaled->into(of_sides), scaled->into(traces),
-                                                 scaled->into(amplitudes),
-                                                 scaled->each(data.cols()));
+      of_bodies[b] =
+          scaled->body->displacements(scaled->into(of_sides), scaled->into(traces),
+                                      scaled->into(amplitudes), scaled->each(data.cols()));
       for (Matrix& field : of_bodies[b]) {
         field = scaled->back(field);
       }

@@ -107,15 +107,13 @@ LocalStage::LocalStage(Laws laws, Index columns)
     (own ? in_lanes_ : by_caller_).push_back(i);
     numbers_ += own ? per_row * static_cast<double>(structure.interface(i).size() * columns) : 0.0;
   }
-  std::ranges::stable_sort(in_lanes_, std::greater<>(), [&structure](std::size_t i) {
-    return structure.interface(i).size();
-  });
+  std::ranges::stable_sort(in_lanes_, std::greater<>(),
+                           [&structure](std::size_t i) { return structure.interface(i).size(); });
   lanes_.grow(1);
 }
 
 Block LocalStage::free_jump(const ActiveInterface& interface, ConstMatrixRef data,
-                            ConstMatrixRef traces, ConstMatrixRef away,
-                            Lane& own) const {
+                            ConstMatrixRef traces, ConstMatrixRef away, Lane& own) const {
   const Structure& structure = laws_.structure();
   Block jump = own.jump.shaped(interface.size(), data.cols());
   for (std::size_t s = 0; s < interface.rows.size(); ++s) {
@@ -157,13 +155,15 @@ Block LocalStage::resolve(std::size_t i, const Block& free_jump, const Vector& f
     const LawColumns& group = (*active.groups)[g];
     const interface::Law& law = *active.group_laws[g];
     const auto in_samples = [&] {
-      const Block samples = transform(group, Way::forward, free_jump, components, steps, own.samples);
+      const Block samples =
+          transform(group, Way::forward, free_jump, components, steps, own.samples);
       return transform(group, Way::backward,
-                       ask(interface, law, samples, flexibility, own.sample_forces), components, steps,
-                       own.back);
+                       ask(interface, law, samples, flexibility, own.sample_forces), components,
+                       steps, own.back);
     };
-    const Block back = group.transforms.empty() ? ask(interface, law, free_jump, flexibility, own.back)
-                                                : in_samples();
+    const Block back = group.transforms.empty()
+                           ? ask(interface, law, free_jump, flexibility, own.back)
+                           : in_samples();
     copy_components(back, interface, group.begin, group.end, force);
   }
   return force;

@@ -25,8 +25,9 @@ class DenseLU {
   /// Bring columns right of a panel up to date.
   void update(Index panel, Index column, Index columns);
 
-  Matrix factors_;           ///< L below the diagonal, which is 1, and U
-  std::vector<int> pivots_;  ///< with which row each was exchanged, from that of its panel on, from 1 on
+  Matrix factors_;  ///< L below the diagonal, which is 1, and U
+  std::vector<int>
+      pivots_;  ///< with which row each was exchanged, from that of its panel on, from 1 on
 };
 
 }  // namespace latin::algebra

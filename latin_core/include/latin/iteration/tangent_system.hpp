@@ -62,7 +62,7 @@ class TangentSystem {
   Vector shift_;
   std::vector<Index> rows_;  ///< of the closed zone
   Matrix tangent_;
-  algebra::DenseLU lu_;      ///< of the transposed system
+  algebra::DenseLU lu_;  ///< of the transposed system
   Index factorisations_ = 0;
   Index products_ = 0;
 };

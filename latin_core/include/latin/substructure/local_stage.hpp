@@ -72,7 +72,7 @@ class LocalStage {
   Laws laws_;
   Index columns_;
   Exchange exchange_;
-  std::vector<std::size_t> slots_;      ///< in the exchange, of the shared interfaces in their order
+  std::vector<std::size_t> slots_;  ///< in the exchange, of the shared interfaces in their order
   std::vector<std::size_t> by_caller_;  ///< interfaces inside this rank with laws of others
   std::vector<std::size_t> in_lanes_;   ///< interfaces inside this rank, the largest first
   double numbers_ = 0.0;                ///< that the latter calculate with
