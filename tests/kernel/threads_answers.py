@@ -15,7 +15,7 @@ def digest(blocks: Iterable[np.ndarray]) -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(each).tobytes() for each in blocks)).hexdigest()[:16]
 
 
-def stack(law: lf.Law, parts: int = 4, cells: int = 6, push: object = (2.0, 0.0, -20.0)) -> lf.Problem:
+def stack(law: lf.Law, parts: int = 3, cells: int = 6, push: object = (1.0, 0.0, -20.0)) -> lf.Problem:
     """Blocks on top of each other with joints of one law, pressed and sheared."""
     scene = lf.Scene()
     for k in range(parts):
@@ -31,19 +31,19 @@ def stack(law: lf.Law, parts: int = 4, cells: int = 6, push: object = (2.0, 0.0,
 
 
 def main() -> None:
-    quiet = lf.Options(rtol=1e-6, max_iterations=3000)
+    quiet = lf.Options(rtol=1e-5, max_iterations=400)
     on = lf.Amplitude([1.0, 2.0, 3.0], [0.3, 1.0, 0.5])
-    rubs = stack(lf.Contact(friction=0.3), push=on * (4.0, 0.0, -20.0))
+    rubs = stack(lf.Contact(friction=0.3), push=on * (1.0, 0.0, -20.0))
     result = lf.solve(rubs, times=np.array([1.0, 2.0, 3.0]), options=quiet, progress=False)
     print("friction", result.status, digest(result.displacements.values()))
 
     spring = lf.Elastic(normal=lf.LogNormal("k", 1e4, cov=0.3), tangential=5e3)
     chaos = lf.solve(stack(spring), chaos=lf.Chaos(order=3), options=quiet, progress=False)
-    print("chaos", chaos.status, digest(chaos.force(f"j{k}") for k in range(1, 4)))
+    print("chaos", chaos.status, digest(chaos.force(f"j{k}") for k in range(1, 3)))
 
-    sets = stack(lf.Contact(friction=lf.Uniform("mu", 0.1, 0.4)), push=(4.0, 0.0, -20.0))
+    sets = stack(lf.Contact(friction=lf.Uniform("mu", 0.1, 0.4)), push=(1.0, 0.0, -20.0))
     drawn = lf.monte_carlo(sets, 6, seed=1, options=quiet, progress=False)
-    print("samples", drawn.converged, digest(drawn.force(f"j{k}") for k in range(1, 4)))
+    print("samples", drawn.converged, digest(drawn.force(f"j{k}") for k in range(1, 3)))
 
     asked = set()
 
