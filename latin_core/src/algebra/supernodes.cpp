@@ -66,7 +66,7 @@ class LeftLooking {
       static_cast<void>(eliminate_tree(all, 0));
       return;
     }
-    const OneThread one;  // its own threads would wait between its calls, and take time from these
+    const SerialAlgebra one;  // its own threads would wait between its calls, and take time from these
     const Forest forest = divide(threads);
     std::vector<std::size_t> order(forest.trees.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
@@ -76,8 +76,7 @@ class LeftLooking {
         [&](std::size_t tree) {
           left[tree] =
               eliminate_tree(forest.trees[tree], static_cast<Int>(tree) + 1, forest.of.data());
-        },
-        threads);
+        });
     // those above: each is updated in stripes of its rows, so that no two threads write to one number
     std::vector<std::vector<std::size_t>> waiting(factor_.count);
     for (const std::vector<std::size_t>& each : left) {
@@ -352,8 +351,7 @@ class LeftLooking {
           if (cuts[k] < cuts[k + 1]) {
             work(cuts[k], cuts[k + 1]);
           }
-        },
-        threads);
+        });
   }
 
   /// As eliminate(), panel by panel.

@@ -4,12 +4,20 @@
 #include <sched.h>
 #endif
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <condition_variable>
 #include <cstddef>
+#include <cstdint>
 #include <exception>
+#include <limits>
+#include <mutex>
+#include <system_error>
 #include <thread>
+#include <utility>
 
 // of whichever BLAS and OpenMP are there; null where they are not
 extern "C" {
@@ -21,6 +29,9 @@ void omp_set_num_threads(int) __attribute__((weak));
 
 namespace latin {
 namespace {
+
+/// Work on fewer numbers takes less time than waking a thread does.
+constexpr double least_shared = 2e5;
 
 /// Bytes, one a core: 1 where this process may run.
 std::array<unsigned char, 1024> own_cores() {
@@ -40,62 +51,198 @@ std::array<unsigned char, 1024> own_cores() {
   return cores;
 }
 
+/// Threads of the linear algebra, and how many wish it to have one.
+struct Algebra {
+  std::mutex mutex;
+  int serial = 0;
+  int threads = 1;  ///< as it was before the first of them
+
+  static Algebra& of_process() {
+    static Algebra algebra;
+    return algebra;
+  }
+  /// 1 where that cannot be asked.
+  static int asked() {
+    if (openblas_get_num_threads != nullptr) {
+      return std::max(openblas_get_num_threads(), 1);
+    }
+    return omp_get_max_threads != nullptr ? std::max(omp_get_max_threads(), 1) : 1;
+  }
+  static void set(int threads) {
+    if (openblas_get_num_threads != nullptr && openblas_set_num_threads != nullptr) {
+      openblas_set_num_threads(threads);
+    }
+  }
+};
+
+/// Whether this thread is at work on a piece.
+thread_local bool within = false;  // NOLINT(cppcoreguidelines-avoid-non-const-global-variables)
+
+/// Threads that wait for work. They live as long as the process: what they wait for must not be destroyed before.
+class Team {
+ public:
+  /// The one of this process; a process that was forked has none of the threads of the other.
+  static Team& of_process() {
+    static std::mutex mutex;
+    static Team* team = nullptr;
+    static pid_t owner = 0;
+    const std::scoped_lock lock(mutex);
+    if (team == nullptr || owner != getpid()) {
+      team = new Team;  // NOLINT(cppcoreguidelines-owning-memory): see above
+      owner = getpid();
+    }
+    return *team;
+  }
+
+  /// @return whether they were free: else the caller does it alone
+  bool run(std::size_t threads, std::size_t count, detail::PieceCall call, void* work) {
+    const std::unique_lock free(free_, std::try_to_lock);
+    if (!free) {
+      return false;
+    }
+    const SerialAlgebra serial;
+    while (others_ + 1 < threads) {
+      try {
+        std::thread([this, lane = others_ + 1] { serve(lane); }).detach();
+      } catch (const std::system_error&) {
+        break;  // no more threads to be had
+      }
+      ++others_;
+    }
+    {
+      const std::scoped_lock lock(mutex_);
+      call_ = call;
+      work_ = work;
+      count_ = count;
+      next_ = 0;
+      failure_ = nullptr;
+      first_failed_ = count;
+      wanted_ = threads;
+      ++round_;
+    }
+    wake_.notify_all();
+    take(0);
+    std::unique_lock lock(mutex_);
+    wanted_ = 0;  // who wakes up now is too late
+    finished_.wait(lock, [this] { return at_work_ == 0; });
+    if (failure_) {
+      std::rethrow_exception(std::exchange(failure_, nullptr));
+    }
+    return true;
+  }
+
+ private:
+  void take(std::size_t lane) {
+    within = true;
+    for (std::size_t piece = next_++; piece < count_; piece = next_++) {
+      try {
+        call_(work_, piece, lane);
+      } catch (...) {
+        const std::scoped_lock lock(mutex_);
+        if (piece < first_failed_) {
+          first_failed_ = piece;
+          failure_ = std::current_exception();
+        }
+      }
+    }
+    within = false;
+  }
+
+  [[noreturn]] void serve(std::size_t lane) {
+    std::uint64_t seen = 0;
+    for (;;) {
+      {
+        std::unique_lock lock(mutex_);
+        wake_.wait(lock, [&] { return round_ != seen && lane < wanted_; });
+        seen = round_;
+        ++at_work_;
+      }
+      take(lane);
+      {
+        const std::scoped_lock lock(mutex_);
+        --at_work_;
+      }
+      finished_.notify_one();
+    }
+  }
+
+  std::mutex free_;  ///< held by who has them
+  std::size_t others_ = 0;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::condition_variable finished_;
+  std::uint64_t round_ = 0;
+  std::size_t wanted_ = 0;  ///< lanes of this round; 0: it is over
+  std::size_t at_work_ = 0;
+  detail::PieceCall call_ = nullptr;
+  void* work_ = nullptr;
+  std::size_t count_ = 0;
+  std::atomic<std::size_t> next_{0};
+  std::exception_ptr failure_;
+  std::size_t first_failed_ = 0;
+};
+
 }  // namespace
 
 int threads_of_algebra() {
-  if (openblas_get_num_threads != nullptr) {
-    return std::max(openblas_get_num_threads(), 1);
+  if (within) {
+    return 1;
   }
-  return omp_get_max_threads != nullptr ? std::max(omp_get_max_threads(), 1) : 1;
+  Algebra& algebra = Algebra::of_process();
+  const std::scoped_lock lock(algebra.mutex);
+  return algebra.serial > 0 ? algebra.threads : Algebra::asked();
 }
 
-OneThread::OneThread() {
-  if (openblas_get_num_threads != nullptr && openblas_set_num_threads != nullptr) {
-    before_ = openblas_get_num_threads();
-    if (before_ > 1) {
-      openblas_set_num_threads(1);
+SerialAlgebra::SerialAlgebra() {
+  Algebra& algebra = Algebra::of_process();
+  const std::scoped_lock lock(algebra.mutex);
+  if (algebra.serial++ == 0) {
+    algebra.threads = Algebra::asked();
+    if (algebra.threads > 1) {
+      Algebra::set(1);
     }
   }
 }
 
-OneThread::~OneThread() {
-  if (before_ > 1) {
-    openblas_set_num_threads(before_);
+SerialAlgebra::~SerialAlgebra() {
+  Algebra& algebra = Algebra::of_process();
+  const std::scoped_lock lock(algebra.mutex);
+  if (--algebra.serial == 0 && algebra.threads > 1) {
+    Algebra::set(algebra.threads);
   }
 }
 
 void side_by_side(const std::vector<std::size_t>& order,
-                  const std::function<void(std::size_t)>& work, int threads) {
-  const auto count = std::min(order.size(), static_cast<std::size_t>(threads));
-  if (count < 2) {
-    std::vector<std::size_t> sorted = order;  // the first that fails has the smallest number
-    std::ranges::sort(sorted);
-    std::ranges::for_each(sorted, work);
-    return;
-  }
-  const OneThread one;
-  std::atomic<std::size_t> next{0};
-  std::vector<std::exception_ptr> failures(*std::ranges::max_element(order) + 1);
-  const auto take = [&] {
-    for (std::size_t at = next++; at < order.size(); at = next++) {
-      try {
-        work(order[at]);
-      } catch (...) {
-        failures[order[at]] = std::current_exception();
-      }
+                  const std::function<void(std::size_t)>& work) {
+  // all are called, and the first failure is that of the smallest number
+  std::vector<std::exception_ptr> failures(order.empty() ? 0
+                                                         : *std::ranges::max_element(order) + 1);
+  const auto attempt = [&](std::size_t piece) {
+    try {
+      work(order[piece]);
+    } catch (...) {
+      failures[order[piece]] = std::current_exception();
     }
   };
-  {
-    std::vector<std::jthread> others;
-    for (std::size_t each = 1; each < count; ++each) {
-      others.emplace_back(take);
-    }
-    take();
-  }
+  in_lanes(order.size(), std::numeric_limits<double>::infinity(), attempt);
   for (const std::exception_ptr& failure : failures) {
     if (failure) {
       std::rethrow_exception(failure);
     }
+  }
+}
+
+std::size_t detail::lanes_of(std::size_t count, double numbers) {
+  const bool small = count < 2 || numbers < least_shared;
+  return small ? 1 : std::min(count, static_cast<std::size_t>(threads_of_algebra()));
+}
+
+void detail::in_lanes(std::size_t lanes, std::size_t count, PieceCall call, void* work) {
+  if (lanes > 1 && Team::of_process().run(lanes, count, call, work)) {
+    return;
+  }
+  for (std::size_t piece = 0; piece < count; ++piece) {
+    call(work, piece, 0);
   }
 }
 
@@ -118,8 +265,14 @@ int bound_threads(const Communicator& communicator) {
     }
   }
   threads = std::max(threads, 1);
-  if (openblas_get_num_threads != nullptr && openblas_set_num_threads != nullptr) {
-    openblas_set_num_threads(std::min(openblas_get_num_threads(), threads));
+  {
+    Algebra& algebra = Algebra::of_process();
+    const std::scoped_lock lock(algebra.mutex);
+    if (algebra.serial > 0) {
+      algebra.threads = std::min(algebra.threads, threads);
+    } else if (openblas_get_num_threads != nullptr) {
+      Algebra::set(std::min(Algebra::asked(), threads));
+    }
   }
   if (omp_get_max_threads != nullptr && omp_set_num_threads != nullptr) {
     omp_set_num_threads(std::min(omp_get_max_threads(), threads));

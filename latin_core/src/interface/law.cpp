@@ -1,7 +1,10 @@
 #include "latin/interface/law.hpp"
 
 #include <string_view>
+#include <type_traits>
+#include <typeinfo>
 
+#include "latin/interface/built_in.hpp"
 #include "latin/interface/contact.hpp"
 #include "latin/interface/coulomb.hpp"
 #include "latin/interface/debonding.hpp"
@@ -46,6 +49,16 @@ std::unique_ptr<Law> make_law(const LawFactory& factory) {
                      "instruction set of the kernel");
   }
   return factory.make();
+}
+
+bool built_in(const Law& law) {
+  const auto one_of = [&law]<class... Kinds>(std::type_identity<Kinds>...) {
+    return ((typeid(law) == typeid(Kinds)) || ...);
+  };
+  return one_of(std::type_identity<ContactLaw>(), std::type_identity<CoulombLaw>(),
+                std::type_identity<DebondingLaw>(), std::type_identity<ElasticLaw>(),
+                std::type_identity<ForceLaw>(), std::type_identity<PerfectLaw>(),
+                std::type_identity<PreloadLaw>());
 }
 
 }  // namespace latin::interface

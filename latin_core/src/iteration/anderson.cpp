@@ -7,7 +7,25 @@
 #include <stdexcept>
 #include <utility>
 
+#include "latin/common/threads.hpp"
+
 namespace latin::iteration {
+namespace {
+
+/// Blocks are cut into pieces of this many numbers, which sums depend on: however many threads there are.
+constexpr Index piece_size = 32768;
+
+/// Call `work(first, count)` of the pieces of a long vector, each of whose numbers is one of `depth` side by side.
+template <class Work>
+void in_pieces(Index size, Index depth, const Work& work) {
+  const auto pieces = static_cast<std::size_t>((size + piece_size - 1) / piece_size);
+  in_lanes(pieces, static_cast<double>(size * depth), [&](std::size_t piece) {
+    const Index first = piece_size * static_cast<Index>(piece);
+    work(first, std::min(piece_size, size - first));
+  });
+}
+
+}  // namespace
 
 Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
   Fit fit{Vector::Zero(projection.size()), 1.0};
@@ -108,20 +126,37 @@ void Anderson::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef
 }
 
 void Anderson::products_of(Index set, ConstMatrixRef residual, Matrix& products) const {
-  products = Matrix::Zero(size_, 1 + static_cast<Index>(fresh_.size()));
-  Vector weighted(rows_);
-  // piece by piece, so that all products pass over the history once
-  for (Index column = 0; column < columns_ && products.rows() > 0 && rows_ > 0; ++column) {
-    const auto stored = residual_.block(column * rows_, set * depth_, rows_, size_);
-    for (Index i = 0; i < products.cols(); ++i) {
-      if (i == 0) {
-        weighted = metric_.weights().cwiseProduct(residual.col(column));
-      } else {
-        weighted =
-            metric_.weights().cwiseProduct(stored.col(fresh_[static_cast<std::size_t>(i - 1)]));
+  const Index count = 1 + static_cast<Index>(fresh_.size());
+  products = Matrix::Zero(size_, count);
+  const Index size = rows_ * columns_;
+  if (size_ == 0 || size == 0) {
+    return;
+  }
+  // one row of sums after the other for every piece, which are added in their order
+  Matrix of_pieces = Matrix::Zero(size_ * count, (size + piece_size - 1) / piece_size);
+  in_pieces(size, size_ * count, [&](Index first, Index length) {
+    Eigen::Map<Matrix> sums(of_pieces.col(first / piece_size).data(), size_, count);
+    Vector weighted(std::min(rows_, length));
+    // column by column, so that all products pass over the history once
+    for (Index at = first; at < first + length;) {
+      const Index row = at % rows_;
+      const Index rows = std::min(rows_ - row, first + length - at);
+      const auto weights = metric_.weights().segment(row, rows);
+      const auto stored = residual_.block(at, set * depth_, rows, size_);
+      for (Index i = 0; i < count; ++i) {
+        if (i == 0) {
+          weighted.head(rows) = weights.cwiseProduct(residual.col(at / rows_).segment(row, rows));
+        } else {
+          weighted.head(rows) =
+              weights.cwiseProduct(stored.col(fresh_[static_cast<std::size_t>(i - 1)]));
+        }
+        sums.col(i).noalias() += stored.transpose() * weighted.head(rows);
       }
-      products.col(i).noalias() += stored.transpose() * weighted;
+      at += rows;
     }
+  });
+  for (const auto& of_piece : of_pieces.colwise()) {
+    products += of_piece.reshaped(size_, count);
   }
 }
 
@@ -172,7 +207,10 @@ void Anderson::combine(const Matrix& common, const Matrix& own, Matrix& sum) con
   }
   Eigen::Map<Matrix> all(sum.data(), rows_ * columns_, sets_);
   if (sets_ == 1) {
-    all.col(0).noalias() = common.leftCols(gamma_.rows()) * gamma_.col(0);
+    in_pieces(all.rows(), gamma_.rows(), [&](Index first, Index length) {
+      all.col(0).segment(first, length).noalias() =
+          common.block(first, 0, length, gamma_.rows()) * gamma_.col(0);
+    });
     return;
   }
   const Index shared = std::min(common_, gamma_.rows());
@@ -203,7 +241,10 @@ void Anderson::step(ConstMatrixRef residual, double beta, const Preconditioner& 
                     MatrixRef step) {
   const Index used = gamma_.rows();
   for (Index set = 0; set < sets_ && rows_ > 0; ++set) {
-    work_.col(set).noalias() = residual_.middleCols(set * depth_, used) * gamma_.col(set);
+    in_pieces(work_.rows(), used, [&](Index first, Index length) {
+      work_.col(set).segment(first, length).noalias() =
+          residual_.block(first, set * depth_, length, used) * gamma_.col(set);
+    });
   }
   step = residual - Eigen::Map<const Matrix>(work_.data(), rows_, sets_ * columns_);
   if (precondition) {

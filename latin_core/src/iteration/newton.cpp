@@ -58,8 +58,7 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
 /// Forces count by the work that they do on the bodies: the meshes do not determine all of them, and what moves
 /// nothing need not be known. Modes have no share in the flexibility: resultants count as forces do by themselves.
 double Newton::norm(const Vector& force) const {
-  Vector given = with_mu * (flexibility_.matrix() * force);
-  given -= flexibility_.direct().cwiseProduct(force);
+  const Vector given = own_.cwiseProduct(force) - tangent_system_.moved(force, Vector());
   const double work = given.cwiseProduct(flexibility_.areas()).dot(force);
   const Vector resultants = modes_.transpose() * force.cwiseProduct(metric_.cwiseSqrt());
   return system_.follow_first(std::sqrt(std::max(work, 0.0) + resultants.squaredNorm()));

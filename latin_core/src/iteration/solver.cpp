@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 #include "latin/iteration/run.hpp"
 #include "latin/substructure/global_stage.hpp"
 
@@ -13,6 +14,7 @@ Summary solve(const substructure::Laws& laws, const Options& options, const Matr
               State& state, const std::vector<const State*>& snapshots, const Callback& callback,
               const std::shared_ptr<Linearisation>& known) {
   const substructure::Structure& structure = laws.structure();
+  const SerialAlgebra serial;  // what pays is cut into pieces here, and sums do not depend on it
   const Index columns = amplitudes.cols();
   const auto fit = [&structure, columns](const State& each) {
     if (each.data.rows() != structure.rows() || each.data.cols() != columns ||

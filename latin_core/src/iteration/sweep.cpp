@@ -11,6 +11,7 @@
 #include <string>
 
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 #include "latin/iteration/batch.hpp"
 #include "latin/iteration/verification.hpp"
 
@@ -729,6 +730,7 @@ void sweep(const substructure::Laws& laws, const Options& options, const Matrix&
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
            const PointCallback& point_callback, const NextPoints& next) {
+  const SerialAlgebra serial;  // as in solve()
   if (known.size() != known_points.size()) {
     throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
                      std::to_string(known_points.size()) + " points");

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "latin/common/threads.hpp"
 #include "latin/iteration/krylov.hpp"
 
 namespace latin::iteration {
@@ -20,6 +21,18 @@ constexpr Index most_products = 60;
 /// Residual of a step from GMRES, and of its correction for the softening.
 constexpr double krylov_tolerance = 1e-6;
 constexpr double correction_tolerance = 1e-2;
+/// Rows, or columns, of the flexibility that are taken together.
+constexpr Index piece_size = 128;
+
+/// Call `work(first, count)` of pieces of so many rows, each with `numbers` numbers.
+template <class Work>
+void in_pieces(Index size, Index numbers, const Work& work) {
+  const auto pieces = static_cast<std::size_t>((size + piece_size - 1) / piece_size);
+  in_lanes(pieces, static_cast<double>(size * numbers), [&](std::size_t piece) {
+    const Index first = piece_size * static_cast<Index>(piece);
+    work(first, std::min(piece_size, size - first));
+  });
+}
 
 }  // namespace
 
@@ -29,7 +42,10 @@ TangentSystem::TangentSystem(const substructure::Flexibility& flexibility,
 
 Vector TangentSystem::moved(ConstVectorRef y, ConstVectorRef a) const {
   Vector result = shift_.cwiseProduct(y);
-  result.noalias() -= with_mu * (flexibility_.matrix() * y);
+  const Matrix& matrix = flexibility_.matrix();
+  in_pieces(result.size(), y.size(), [&](Index first, Index count) {
+    result.segment(first, count).noalias() -= with_mu * (matrix.middleRows(first, count) * y);
+  });
   if (a.size() > 0) {
     result.noalias() -= modal * (flexibility_.modal_jumps() * a);
   }
@@ -117,9 +133,7 @@ Vector TangentSystem::solve_factorised(const Vector& right) const {
     reduced.tail(count) +=
         flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(open);
   }
-  if (lu_) {
-    reduced = Vector(lu_->transpose().solve(reduced));
-  }
+  reduced = lu_.solve_transposed(reduced);
   Vector answer(right.size());
   answer << open, reduced.tail(count);
   answer(rows_) = reduced.head(closed);
@@ -141,9 +155,9 @@ void TangentSystem::factorise(const Matrix& tangent) {
   const Vector& areas = flexibility_.areas();
   const Matrix& jumps = flexibility_.modal_jumps();
   // transposed, so that rows of the (symmetric but for the areas) flexibility are read as columns
-  lu_.reset();
-  system_.setZero(closed + count, closed + count);
-  for (Index i = 0; i < closed; ++i) {
+  Matrix system = lu_.release();
+  system.setZero(closed + count, closed + count);
+  const auto fill = [&](Index i) {
     const Index row = rows_[static_cast<std::size_t>(i)];
     const Index first = layout_.first[static_cast<std::size_t>(row)];
     for (Index c = 0; c < layout_.components[static_cast<std::size_t>(row)]; ++c) {
@@ -155,21 +169,24 @@ void TangentSystem::factorise(const Matrix& tangent) {
       const double factor = slope * with_mu / areas(at);
       for (Index j = 0; j < closed; ++j) {
         const Index other = rows_[static_cast<std::size_t>(j)];
-        system_(j, i) += factor * areas(other) * matrix(other, at);
+        system(j, i) += factor * areas(other) * matrix(other, at);
         if (other == at) {
-          system_(j, i) -= slope * shift_(at);
+          system(j, i) -= slope * shift_(at);
         }
       }
-      system_.col(i).tail(count) += slope * modal * jumps.row(at).transpose();
+      system.col(i).tail(count) += slope * modal * jumps.row(at).transpose();
     }
-    system_(i, i) += 1.0;
+    system(i, i) += 1.0;
     // V^T W E
-    system_.row(i).tail(count) = -areas(row) * jumps.row(row);
-  }
-  system_.bottomRightCorner(count, count) = flexibility_.modal_stiffness().asDiagonal();
-  if (system_.size() > 0) {
-    lu_.emplace(system_);
-  }
+    system.row(i).tail(count) = -areas(row) * jumps.row(row);
+  };
+  in_pieces(closed, 2 * closed, [&](Index begin, Index length) {
+    for (Index i = begin; i < begin + length; ++i) {
+      fill(i);
+    }
+  });
+  system.bottomRightCorner(count, count) = flexibility_.modal_stiffness().asDiagonal();
+  lu_.factorise(std::move(system));
 }
 
 }  // namespace latin::iteration

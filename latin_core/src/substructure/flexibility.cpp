@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <mutex>
 
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 #include "latin/substructure/joined.hpp"
 
 namespace latin::substructure {
@@ -81,29 +83,40 @@ void Flexibility::number() {
 }
 
 void Flexibility::add_bodies() {
+  constexpr double operations_per_number = 16.0;
+  double operations = 0.0;
   for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
-    if (structure_.bodies()[b].rows() > 0) {
-      add_body(structure_.bodies()[b], joined_->first_row() + structure_.body_rows()[b]);
+    const Body& body = structure_.bodies()[b];
+    if (body.rows() > 0) {
+      parts_.push_back({&body, joined_->first_row() + structure_.body_rows()[b], {}, {}, {}});
+      operations += std::pow(static_cast<double>(body.active()), 3);
     }
   }
+  const double numbers = operations / operations_per_number;
+  in_lanes(parts_.size(), numbers,
+           [&](std::size_t piece) { add_body(*parts_[piece].body, parts_[piece].first_row); });
+  for (Part& part : parts_) {
+    const SparseRows& trace = part.body->active_traces();
+    const Vector robin = part.body->weights().cwiseProduct(part.body->directions());
+    find_modes(part, trace.transpose() * SparseRows(robin.asDiagonal() * trace));
+  }
+  in_lanes(parts_.size(), numbers, [&](std::size_t piece) { add_matrix(parts_[piece]); });
 }
 
+/// The factor of a part.
 void Flexibility::add_body(const Body& body, Index first_row) {
   const SparseRows& trace = body.active_traces();
   const Vector robin = body.weights().cwiseProduct(body.directions());
   // L L^T = S + T^T W k T is given; held by mu k alone: (1 + mu) L L^T - T^T W k T
   const Matrix lower = body.condensed_factor().triangularView<Eigen::Lower>();
-  Matrix stiffness = lower.triangularView<Eigen::Lower>() * lower.transpose();
-  stiffness *= 1.0 + mu;
-  const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
-  stiffness -= Matrix(springs);
-  const Eigen::LLT<Matrix> cholesky(stiffness);
+  Matrix stiffness = Matrix::Zero(lower.rows(), lower.cols());
+  stiffness.selfadjointView<Eigen::Lower>().rankUpdate(lower, 1.0 + mu);
+  stiffness -= Matrix(trace.transpose() * SparseRows(robin.asDiagonal() * trace));
+  const Eigen::LLT<Matrix> cholesky(stiffness);  // of the lower triangle
   if (cholesky.info() != Eigen::Success) {
     throw NumericalError("body '" + body.name() + "': its flexibility cannot be factorised");
   }
-  parts_.push_back({&body, first_row, cholesky.matrixL(), {}, {}});
-  find_modes(parts_.back(), springs);
-  add_matrix(parts_.back());
+  std::ranges::find(parts_, first_row, &Part::first_row)->factor = cholesky.matrixL();
 }
 
 /// The matrix and the modes of all ranks.
@@ -206,6 +219,9 @@ void Flexibility::add_matrix(const Part& part) {
   part.factor.triangularView<Eigen::Lower>().solveInPlace(y);
   Matrix product = Matrix::Zero(y.cols(), y.cols());
   product.selfadjointView<Eigen::Lower>().rankUpdate(y.transpose());
+  // two bodies at most have a share in an entry: their order does not matter
+  static std::mutex adding;
+  const std::scoped_lock lock(adding);
   for (Index column = 0; column < product.cols(); ++column) {
     const Index to = touched[static_cast<std::size_t>(column)];
     for (Index row = 0; row < product.rows(); ++row) {

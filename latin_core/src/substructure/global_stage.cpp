@@ -1,50 +1,82 @@
 #include "latin/substructure/global_stage.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <functional>
+#include <numeric>
 
 namespace latin::substructure {
+namespace {
+
+/// Numbers that a body reads for one column.
+double numbers_of(const Body& body) {
+  const auto active = static_cast<double>(body.active());
+  const double factor = body.condensed() ? active * active : 2.0 * body.cost().factor_numbers;
+  return factor + static_cast<double>(body.rows());
+}
+
+}  // namespace
+
+GlobalStage::GlobalStage(Laws laws) : laws_(std::move(laws)) {
+  const std::vector<Body>& bodies = laws_.structure().bodies();
+  std::vector<double> numbers(bodies.size());
+  std::ranges::transform(bodies, numbers.begin(), numbers_of);
+  numbers_ = std::accumulate(numbers.begin(), numbers.end(), 0.0);
+  largest_first_.resize(bodies.size());
+  std::iota(largest_first_.begin(), largest_first_.end(), std::size_t{0});
+  std::ranges::stable_sort(largest_first_, std::greater<>(),
+                           [&numbers](std::size_t b) { return numbers[b]; });
+}
+
+template <class Work>
+void GlobalStage::of_bodies(double numbers, const Work& work) {
+  in_lanes(largest_first_.size(), numbers, lanes_,
+           [&](std::size_t piece, Lane& own) { work(largest_first_[piece], own); });
+}
 
 void GlobalStage::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) {
   const Structure& structure = laws_.structure();
-  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
-    const Body& body = structure.bodies()[b];
+  of_bodies(numbers(data.cols()), [&](std::size_t b, Lane& own) {
     const Index row = structure.body_rows()[b];
-    auto of_body = traces.middleRows(row, body.rows());
-    if (laws_.scaled(b) != nullptr) {
-      apply_scaled(b, data.middleRows(row, body.rows()), amplitudes, of_body);
-      continue;
-    }
-    if (laws_.field(b) != nullptr) {
-      apply_field(b, data.middleRows(row, body.rows()), amplitudes, of_body);
-      continue;
-    }
-    body.apply(data.middleRows(row, body.rows()), of_body, work_);
-    of_body.noalias() += laws_.response(b).traces * amplitudes;
+    const Index rows = structure.bodies()[b].rows();
+    apply(b, data.middleRows(row, rows), amplitudes, traces.middleRows(row, rows), own.work);
+  });
+}
+
+void GlobalStage::apply(std::size_t b, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                        MatrixRef traces, BodyWork& work) {
+  if (laws_.scaled(b) != nullptr) {
+    apply_scaled(b, data, amplitudes, traces, work);
+  } else if (laws_.field(b) != nullptr) {
+    apply_field(b, data, amplitudes, traces, work);
+  } else {
+    laws_.structure().bodies()[b].apply(data, traces, work);
+    traces.noalias() += laws_.response(b).traces * amplitudes;
   }
 }
 
 void GlobalStage::apply_scaled(std::size_t b, ConstMatrixRef data, ConstMatrixRef amplitudes,
-                               MatrixRef traces) {
+                               MatrixRef traces, BodyWork& work) {
   const ScaledColumns& scaled = *laws_.scaled(b);
   const Vector factors = scaled.each(data.cols());
   if (!scaled.transformed()) {
-    scaled.body->apply(data, amplitudes, factors, traces, work_);
+    scaled.body->apply(data, amplitudes, factors, traces, work);
     return;
   }
   Matrix moved(traces.rows(), traces.cols());
-  scaled.body->apply(scaled.into(data), scaled.into(amplitudes), factors, moved, work_);
+  scaled.body->apply(scaled.into(data), scaled.into(amplitudes), factors, moved, work);
   traces = scaled.back(moved);
 }
 
 void GlobalStage::apply_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef amplitudes,
-                              MatrixRef traces) {
+                              MatrixRef traces, BodyWork& work) {
   const FieldColumns& field = *laws_.field(b);
   if (field.chaos != nullptr) {
     field.chaos->apply(data, amplitudes, traces, of_fields_);
     return;
   }
   if (field.body != nullptr) {
-    field.body->apply(data, traces, work_);
+    field.body->apply(data, traces, work);
     traces.noalias() += field.response.traces * amplitudes;
     return;
   }
@@ -52,46 +84,47 @@ void GlobalStage::apply_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef
   for (Index k = 0; k < field.blocks(); ++k) {
     const std::shared_ptr<const Body> sample = field.sample(laws_.structure().bodies()[b], k);
     auto of_sample = traces.middleCols(k * count, count);
-    sample->apply(data.middleCols(k * count, count), of_sample, work_);
+    sample->apply(data.middleCols(k * count, count), of_sample, work);
     of_sample.noalias() +=
         sample->response_to_extra(field.extra).traces * amplitudes.middleCols(k * count, count);
   }
 }
 
 Vector GlobalStage::energies_of_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef traces,
-                                      ConstMatrixRef forces, ConstMatrixRef amplitudes) {
+                                      ConstMatrixRef forces, ConstMatrixRef amplitudes,
+                                      BodyWork& work) {
   const FieldColumns& field = *laws_.field(b);
   if (field.chaos != nullptr) {
     return field.chaos->energies(data, amplitudes, of_fields_);
   }
-  return field.body->energies(data, traces, forces, amplitudes, field.response, work_);
+  return field.body->energies(data, traces, forces, amplitudes, field.response, work);
 }
 
 void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
   const Structure& structure = laws_.structure();
-  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
-    const Body& body = structure.bodies()[b];
+  of_bodies(numbers(change.cols()), [&](std::size_t b, Lane& own) {
     const Index row = structure.body_rows()[b];
-    Eigen::Map<Matrix> added = block_.shaped(body.rows(), change.cols());
-    if (const ScaledColumns* scaled = laws_.scaled(b)) {
-      const Matrix into = scaled->into(change.middleRows(row, body.rows()));
-      scaled->body->change(into, scaled->each(change.cols()), added, work_);
-      traces.middleRows(row, body.rows()) += scaled->back(added);
-      continue;
-    }
-    if (const FieldColumns* field = laws_.field(b)) {
-      const auto step = change.middleRows(row, body.rows());
-      if (field->chaos != nullptr) {
-        field->chaos->change(step, added);
-      } else {
-        field->body->apply_single(step, added, work_);
-      }
-      traces.middleRows(row, body.rows()) += added;
-      continue;
-    }
-    body.apply_single(change.middleRows(row, body.rows()), added, work_);
-    traces.middleRows(row, body.rows()) += added;
+    const Index rows = structure.bodies()[b].rows();
+    this->change(b, change.middleRows(row, rows), traces.middleRows(row, rows), own);
+  });
+}
+
+void GlobalStage::change(std::size_t b, ConstMatrixRef change, MatrixRef traces, Lane& own) {
+  Eigen::Map<Matrix> added = own.block.shaped(change.rows(), change.cols());
+  if (const ScaledColumns* scaled = laws_.scaled(b)) {
+    scaled->body->change(scaled->into(change), scaled->each(change.cols()), added, own.work);
+    traces += scaled->back(added);
+    return;
   }
+  const FieldColumns* field = laws_.field(b);
+  if (field != nullptr && field->chaos != nullptr) {
+    field->chaos->change(change, added);
+  } else if (field != nullptr) {
+    field->body->apply_single(change, added, own.work);
+  } else {
+    laws_.structure().bodies()[b].apply_single(change, added, own.work);
+  }
+  traces += added;
 }
 
 Matrix GlobalStage::imbalance(LocalStage& local, ConstMatrixRef data, ConstMatrixRef traces) {
@@ -114,10 +147,10 @@ Matrix GlobalStage::balance(const Matrix& imbalance, ConstMatrixRef amplitudes, 
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
     const Index first = structure.body_rows()[b];
     const Index rows = structure.bodies()[b].rows();
-    if (laws_.scaled(b) != nullptr) {
-      apply_scaled(b, data.middleRows(first, rows), amplitudes, traces.middleRows(first, rows));
-    } else if (laws_.field(b) != nullptr) {
-      apply_field(b, data.middleRows(first, rows), amplitudes, traces.middleRows(first, rows));
+    if (laws_.scaled(b) != nullptr || laws_.field(b) != nullptr) {
+      lanes_.grow(1);
+      apply(b, data.middleRows(first, rows), amplitudes, traces.middleRows(first, rows),
+            lanes_[0].work);
     }
   }
   return added;
@@ -126,13 +159,13 @@ Matrix GlobalStage::balance(const Matrix& imbalance, ConstMatrixRef amplitudes, 
 /// sum of F^2 / K, (c), with the forces F on the nodes of the sides and their own stiffness: a bolt that presses its
 /// own joint together holds nothing. Loads are counted only where they take forces away.
 Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
-                                     ConstMatrixRef amplitudes) {
+                                     ConstMatrixRef amplitudes, BodyWork& work) {
   const Body& body = laws_.structure().bodies()[b];
   const Vector& stiffness = body.active_stiffness();
   // a node alone is stiffer than the body as a whole, by the number of nodes side by side
   const double whole = 2.0 * std::sqrt(static_cast<double>(body.active()));
   const Vector compliance = (stiffness.array() > 0.0).select(whole * stiffness.cwiseInverse(), 0.0);
-  Eigen::Map<Matrix> net = work_.unknowns.shaped(body.active(), forces.cols());
+  Eigen::Map<Matrix> net = work.unknowns.shaped(body.active(), forces.cols());
   body.gather(forces, net);
   Vector energies = compliance.transpose() * net.cwiseAbs2();
   // rows on nodes that are held move no unknown
@@ -170,49 +203,52 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
     groups.steps = in_time->sums().cols();
     of_sums = summed(amplitudes, in_time->sums());
   }
+  constexpr double per_row = 10.0;  // numbers that are calculated with
   const Index columns = in_time == nullptr ? data.cols() : of_sums.cols();
   Sizes sizes = Sizes::zero(groups.count(columns), static_cast<Index>(structure.bodies().size()));
-  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+  of_bodies(per_row * static_cast<double>(data.size()), [&](std::size_t b, Lane& own) {
     const Index first = structure.body_rows()[b];
     const Index rows = structure.bodies()[b].rows();
     const auto s = data.middleRows(first, rows);
     const auto w = traces.middleRows(first, rows);
     if (in_time == nullptr) {
-      add_sizes(b, s, w, amplitudes, groups, sizes);
+      add_sizes(b, s, w, amplitudes, groups, sizes, own);
     } else {
-      add_sizes(b, summed(s, in_time->sums()), summed(w, in_time->sums()), of_sums, groups, sizes);
+      add_sizes(b, summed(s, in_time->sums()), summed(w, in_time->sums()), of_sums, groups, sizes,
+                own);
     }
-  }
+  });
   sizes.strain = sizes.strain.cwiseAbs();
   return in_time == nullptr ? sizes : in_time->at_times(sizes, groups.kinds());
 }
 
 void GlobalStage::add_sizes(std::size_t b, ConstMatrixRef data, ConstMatrixRef traces,
-                            ConstMatrixRef amplitudes, const ColumnGroups& groups, Sizes& sizes) {
+                            ConstMatrixRef amplitudes, const ColumnGroups& groups, Sizes& sizes,
+                            Lane& own) {
   const Structure& structure = laws_.structure();
   const Body& body = structure.bodies()[b];
-  Eigen::Map<Matrix> f = block_.shaped(traces.rows(), traces.cols());
+  Eigen::Map<Matrix> f = own.block.shaped(traces.rows(), traces.cols());
   f = data - body.directions().asDiagonal() * traces;
   const ScaledColumns* scaled = laws_.scaled(b);
   const auto of_body = [&] {
     if (!structure.carried(b) || laws_.response(b).extra.size() > 0) {
-      return body.energies(data, traces, f, amplitudes, laws_.response(b), work_);
+      return body.energies(data, traces, f, amplitudes, laws_.response(b), own.work);
     }
-    Vector own(traces.cols());
+    Vector energies(traces.cols());
     for (Index column = 0; column < traces.cols(); ++column) {
-      own(column) = structure.straining(b, traces.col(column))
-                        .cwiseProduct(body.weights())
-                        .dot(f.col(column));
+      energies(column) = structure.straining(b, traces.col(column))
+                             .cwiseProduct(body.weights())
+                             .dot(f.col(column));
     }
-    return own;
+    return energies;
   };
   const Vector energies =
       scaled != nullptr
           ? scaled->body->energies(scaled->into(data), scaled->into(traces),
                                    scaled->into(amplitudes), scaled->each(traces.cols()))
-      : laws_.field(b) != nullptr ? energies_of_field(b, data, traces, f, amplitudes)
+      : laws_.field(b) != nullptr ? energies_of_field(b, data, traces, f, amplitudes, own.work)
                                   : of_body();
-  const Vector pressed = pressed_energies(b, f, amplitudes);
+  const Vector pressed = pressed_energies(b, f, amplitudes, own.work);
   const auto at = static_cast<Index>(b);
   for (Index column = 0; column < traces.cols(); ++column) {
     const Index group = groups.of(column);
@@ -228,26 +264,29 @@ std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, Cons
                                                           ConstMatrixRef amplitudes) {
   const Structure& structure = laws.structure();
   GlobalStage global(laws);
-  std::vector<std::pair<std::string, Matrix>> fields;
-  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+  std::vector<std::vector<Matrix>> of_bodies(structure.bodies().size());
+  global.of_bodies(global.numbers(data.cols()), [&](std::size_t b, GlobalStage::Lane& own) {
     const Body& body = structure.bodies()[b];
     const auto of_sides = data.middleRows(structure.body_rows()[b], body.rows());
-    std::vector<Matrix> of_body;
     if (const ScaledColumns* scaled = laws.scaled(b)) {
       Matrix traces(body.rows(), data.cols());
-      global.apply_scaled(b, of_sides, amplitudes, traces);
-      of_body = scaled->body->displacements(scaled->into(of_sides), scaled->into(traces),
-                                            scaled->into(amplitudes), scaled->each(data.cols()));
-      for (Matrix& field : of_body) {
+      global.apply_scaled(b, of_sides, amplitudes, traces, own.work);
+      of_bodies[b] =
+          scaled->body->displacements(scaled->into(of_sides), scaled->into(traces),
+                                      scaled->into(amplitudes), scaled->each(data.cols()));
+      for (Matrix& field : of_bodies[b]) {
         field = scaled->back(field);
       }
     } else if (const FieldColumns* field = laws.field(b)) {
-      of_body = field->displacements(body, of_sides, amplitudes);
+      of_bodies[b] = field->displacements(body, of_sides, amplitudes);
     } else {
-      of_body = body.displacements(of_sides, amplitudes, laws.response(b));
+      of_bodies[b] = body.displacements(of_sides, amplitudes, laws.response(b));
     }
-    for (std::size_t e = 0; e < of_body.size(); ++e) {
-      fields.emplace_back(structure.members()[b][e], std::move(of_body[e]));
+  });
+  std::vector<std::pair<std::string, Matrix>> fields;
+  for (std::size_t b = 0; b < of_bodies.size(); ++b) {
+    for (std::size_t e = 0; e < of_bodies[b].size(); ++e) {
+      fields.emplace_back(structure.members()[b][e], std::move(of_bodies[b][e]));
     }
   }
   return fields;

@@ -1,8 +1,11 @@
 #include "latin/substructure/local_stage.hpp"
 
+#include <algorithm>
+#include <functional>
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/interface/built_in.hpp"
 
 namespace latin::substructure {
 namespace {
@@ -95,12 +98,24 @@ LocalStage::LocalStage(Laws laws, Index columns)
     slots_.push_back(exchange_.add(interface.away.rank, interface.size()));
   }
   exchange_.prepare(columns);
+  constexpr double per_row = 20.0;  // numbers that a law calculates with
+  for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
+    if (structure.interface(i).shared()) {
+      continue;
+    }
+    const bool own = interface::built_in(*laws_.of(i).law);
+    (own ? in_lanes_ : by_caller_).push_back(i);
+    numbers_ += own ? per_row * static_cast<double>(structure.interface(i).size() * columns) : 0.0;
+  }
+  std::ranges::stable_sort(in_lanes_, std::greater<>(),
+                           [&structure](std::size_t i) { return structure.interface(i).size(); });
+  lanes_.grow(1);
 }
 
 Block LocalStage::free_jump(const ActiveInterface& interface, ConstMatrixRef data,
-                            ConstMatrixRef traces, ConstMatrixRef away) {
+                            ConstMatrixRef traces, ConstMatrixRef away, Lane& own) const {
   const Structure& structure = laws_.structure();
-  Block jump = jump_.shaped(interface.size(), data.cols());
+  Block jump = own.jump.shaped(interface.size(), data.cols());
   for (std::size_t s = 0; s < interface.rows.size(); ++s) {
     const bool elsewhere = interface.shared() && s == interface.away.side;
     if (s == 0 && elsewhere) {
@@ -110,7 +125,7 @@ Block LocalStage::free_jump(const ActiveInterface& interface, ConstMatrixRef dat
     } else if (elsewhere) {
       jump -= away;
     } else {
-      Block share = share_.shaped(jump.rows(), jump.cols());
+      Block share = own.share.shaped(jump.rows(), jump.cols());
       share_of_jump(structure, interface, s, data, traces, share);
       jump -= share;
     }
@@ -119,43 +134,47 @@ Block LocalStage::free_jump(const ActiveInterface& interface, ConstMatrixRef dat
 }
 
 Block LocalStage::ask(const ActiveInterface& interface, const interface::Law& law,
-                      const Block& jump, const Vector& flexibility, Workspace& work) {
+                      const Block& jump, const Vector& flexibility, Workspace& work) const {
   Block answer = work.shaped(jump.rows(), jump.cols());
   law.resolve({interface.geometry.components, jump, flexibility, laws_.steps(), interface.name()},
               answer);
   return answer;
 }
 
-Block LocalStage::resolve(std::size_t i, const Block& free_jump, const Vector& flexibility) {
+Block LocalStage::resolve(std::size_t i, const Block& free_jump, const Vector& flexibility,
+                          Lane& own) const {
   const ActiveInterface& interface = laws_.structure().interface(i);
   const ActiveLaw& active = laws_.of(i);
   if (!active.transformed()) {
-    return ask(interface, *active.law, free_jump, flexibility, force_);
+    return ask(interface, *active.law, free_jump, flexibility, own.force);
   }
   const Index components = interface.geometry.components;
   const Index steps = laws_.steps();
-  Block force = force_.shaped(free_jump.rows(), free_jump.cols());
+  Block force = own.force.shaped(free_jump.rows(), free_jump.cols());
   for (std::size_t g = 0; g < active.group_laws.size(); ++g) {
     const LawColumns& group = (*active.groups)[g];
     const interface::Law& law = *active.group_laws[g];
     const auto in_samples = [&] {
-      const Block samples = transform(group, Way::forward, free_jump, components, steps, samples_);
+      const Block samples =
+          transform(group, Way::forward, free_jump, components, steps, own.samples);
       return transform(group, Way::backward,
-                       ask(interface, law, samples, flexibility, sample_forces_), components, steps,
-                       back_);
+                       ask(interface, law, samples, flexibility, own.sample_forces), components,
+                       steps, own.back);
     };
-    const Block back = group.transforms.empty() ? ask(interface, law, free_jump, flexibility, back_)
-                                                : in_samples();
+    const Block back = group.transforms.empty()
+                           ? ask(interface, law, free_jump, flexibility, own.back)
+                           : in_samples();
     copy_components(back, interface, group.begin, group.end, force);
   }
   return force;
 }
 
 void LocalStage::apply(std::size_t i, ConstMatrixRef data, ConstMatrixRef traces,
-                       ConstMatrixRef away, MatrixRef residual) {
+                       ConstMatrixRef away, MatrixRef residual, Lane& own) const {
   const ActiveInterface& interface = laws_.structure().interface(i);
   const Index rows = interface.size();
-  const Block force = resolve(i, free_jump(interface, data, traces, away), interface.flexibility);
+  const Block force =
+      resolve(i, free_jump(interface, data, traces, away, own), interface.flexibility, own);
   for (std::size_t s = 0; s < interface.rows.size(); ++s) {
     const Index first = interface.rows[s];
     if (first < 0) {
@@ -179,21 +198,23 @@ void LocalStage::apply(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef res
   }
   Exchange::Transit transit = exchange_.start();
   const Matrix none;
-  for (std::size_t i = 0; i < structure.interfaces().size();
-       ++i) {  // while messages are on their way
-    if (!structure.interface(i).shared()) {
-      apply(i, data, traces, none, residual);
-    }
+  // while messages are on their way
+  for (const std::size_t i : by_caller_) {
+    apply(i, data, traces, none, residual, caller());
   }
+  in_lanes(in_lanes_.size(), numbers_, lanes_, [&](std::size_t piece, Lane& own) {
+    apply(in_lanes_[piece], data, traces, none, residual, own);
+  });
   transit.finish();
   for (std::size_t n = 0; n < shared.size(); ++n) {
-    apply(shared[n], data, traces, exchange_.incoming(slots_[n]), residual);
+    apply(shared[n], data, traces, exchange_.incoming(slots_[n]), residual, caller());
   }
 }
 
 Block LocalStage::force(std::size_t i, ConstMatrixRef data, ConstMatrixRef traces) {
   const ActiveInterface& interface = laws_.structure().interface(i);
-  return resolve(i, free_jump(interface, data, traces, Matrix()), interface.flexibility);
+  return resolve(i, free_jump(interface, data, traces, Matrix(), caller()), interface.flexibility,
+                 caller());
 }
 
 void LocalStage::forces_of_jumps(ConstMatrixRef jumps, MatrixRef forces,
@@ -204,9 +225,9 @@ void LocalStage::forces_of_jumps(ConstMatrixRef jumps, MatrixRef forces,
       continue;
     }
     const auto rows = Eigen::seqN(interfaces[i].first_unknown, interfaces[i].size());
-    Block jump = jump_.shaped(interfaces[i].size(), jumps.cols());
+    Block jump = caller().jump.shaped(interfaces[i].size(), jumps.cols());
     jump = jumps(rows, every);
-    forces(rows, every) = resolve(i, jump, Vector::Zero(interfaces[i].size()));
+    forces(rows, every) = resolve(i, jump, Vector::Zero(interfaces[i].size()), caller());
   }
 }
 
@@ -223,8 +244,8 @@ LocalFields LocalStage::fields(std::size_t i, ConstMatrixRef data, ConstMatrixRe
     away = once.incoming(slot);
   }
   LocalFields fields;
-  const Block jump = free_jump(interface, data, traces, away);
-  fields.force = resolve(i, jump, interface.flexibility);
+  const Block jump = free_jump(interface, data, traces, away, caller());
+  fields.force = resolve(i, jump, interface.flexibility, caller());
   fields.jump = jump - interface.flexibility.asDiagonal() * fields.force;
   return fields;
 }

@@ -1,9 +1,8 @@
 #pragma once
 
-#include <Eigen/LU>
-#include <optional>
 #include <vector>
 
+#include "latin/algebra/dense_lu.hpp"
 #include "latin/common/types.hpp"
 #include "latin/substructure/flexibility.hpp"
 #include "latin/substructure/interface_system.hpp"
@@ -63,8 +62,7 @@ class TangentSystem {
   Vector shift_;
   std::vector<Index> rows_;  ///< of the closed zone
   Matrix tangent_;
-  Matrix system_;  ///< transposed, overwritten by its LU
-  std::optional<Eigen::PartialPivLU<Eigen::Ref<Matrix>>> lu_;
+  algebra::DenseLU lu_;  ///< of the transposed system
   Index factorisations_ = 0;
   Index products_ = 0;
 };

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "latin/common/communicator.hpp"
+#include "latin/common/threads.hpp"
 #include "latin/common/workspace.hpp"
 #include "latin/substructure/laws.hpp"
 
@@ -23,8 +24,9 @@ struct LocalFields {
 
 /// The local stage of one run: the laws, point by point, for blocks of a fixed number of columns.
 ///
-/// It keeps working blocks from one call to the next, so that the iteration allocates none. One object serves
-/// one thread.
+/// Interfaces with laws of the library are done side by side on several threads where that pays, laws of others by the
+/// caller. It keeps working blocks from one call to the next, so that the iteration allocates none: one object serves
+/// one caller.
 class LocalStage {
  public:
   /// @throws InputError naming the interface if the laws do not fit this many columns
@@ -48,25 +50,33 @@ class LocalStage {
 
  private:
   using Block = Eigen::Map<Matrix>;
+  /// Working blocks of one thread.
+  struct Lane {
+    Workspace jump;
+    Workspace share;
+    Workspace force;
+    Workspace samples;
+    Workspace sample_forces;
+    Workspace back;
+  };
   [[nodiscard]] Block free_jump(const ActiveInterface& interface, ConstMatrixRef data,
-                                ConstMatrixRef traces, ConstMatrixRef away);
+                                ConstMatrixRef traces, ConstMatrixRef away, Lane& own) const;
   [[nodiscard]] Block resolve(std::size_t interface, const Block& free_jump,
-                              const Vector& flexibility);
+                              const Vector& flexibility, Lane& own) const;
   [[nodiscard]] Block ask(const ActiveInterface& interface, const interface::Law& law,
-                          const Block& jump, const Vector& flexibility, Workspace& work);
+                          const Block& jump, const Vector& flexibility, Workspace& work) const;
   void apply(std::size_t interface, ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef away,
-             MatrixRef residual);
+             MatrixRef residual, Lane& own) const;
+  [[nodiscard]] Lane& caller() { return lanes_[0]; }
 
   Laws laws_;
   Index columns_;
   Exchange exchange_;
   std::vector<std::size_t> slots_;  ///< in the exchange, of the shared interfaces in their order
-  Workspace jump_;
-  Workspace share_;
-  Workspace force_;
-  Workspace samples_;
-  Workspace sample_forces_;
-  Workspace back_;
+  std::vector<std::size_t> by_caller_;  ///< interfaces inside this rank with laws of others
+  std::vector<std::size_t> in_lanes_;   ///< interfaces inside this rank, the largest first
+  double numbers_ = 0.0;                ///< that the latter calculate with
+  PerLane<Lane> lanes_;
 };
 
 /// The law of one interface, column by column and without transforms, for a given free jump j0
