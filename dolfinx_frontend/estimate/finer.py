@@ -22,13 +22,21 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry.finer import SIMPLICES, bisected, cell_sizes, halved, size_field
+from dolfinx_frontend.geometry.finer import (
+    SIMPLICES,
+    Model,
+    OfModel,
+    bisected,
+    cell_sizes,
+    halved,
+    size_field,
+)
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import SubstructureSpec
 
-__all__ = ["Finer", "finer"]
+__all__ = ["MOST_DEGREE", "Finer", "finer"]
 
 MOST_DEGREE = 3
 
@@ -45,6 +53,9 @@ SMALLER = 0.6
 
 MANY = 0.06
 """Share of the cells of a part of which it is said that they are many."""
+
+CLOSURE = 1.2
+"""Cells of a finer mesh over those that sizes ask for: neighbours follow."""
 
 LEFT_ALONE = 0.5
 """Parts keep their meshes while together they contribute at most this share of what may be left."""
@@ -140,24 +151,61 @@ def finer(
             each[near] = np.minimum(each[near], 0.5)
     _as_fine_as_the_other_side(scene, problem, ratios)
     found = Finer({}, {}, {}, {})
+    together: dict[Model, None] = {}
     for name, ratio in ratios.items():
         spec = scene.substructures[name]
         if ratio.min() > WORTH:
             continue
+        edge = name in at_edges
+        raised = not edge and name not in unseen and _better_raised(spec, cells[name], ratio)
+        way, how = _way(spec, raised, edge)
         try:
-            edge = name in at_edges
-            new, how = _finer_part(spec, ratio, not edge and _spread(cells[name]), edge)
+            if way is None:
+                found.stuck[name] = how
+            elif way == "degree":
+                found.specs[name], found.how[name] = replace(spec, degree=spec.degree + 1), how
+            elif isinstance(spec.part.again, OfModel):
+                together[spec.part.again.model] = None
+            else:
+                found.specs[name] = _meshed(spec, ratio)
+                found.how[name] = _told(how, found.specs[name], spec)
         except SceneError as error:
             found.stuck[name] = str(error).splitlines()[0]
-            continue
-        if new is None:
-            found.stuck[name] = how
-            continue
-        found.specs[name], found.how[name] = new, how
-        d = spec.dim
-        count = _count(new) / _count(spec)
-        found.growth[name] = count * (new.degree / spec.degree) ** d
+    for model in together:
+        _meshed_together(scene, model, ratios, found)
+    for name, new in found.specs.items():
+        spec = scene.substructures[name]
+        found.growth[name] = _count(new) / _count(spec) * (new.degree / spec.degree) ** spec.dim
     return found
+
+
+def _meshed_together(scene: Scene, model: Model, ratios: Mapping[str, Array], found: Finer) -> None:
+    """The parts of a model meshed again, all of them; those that get a higher degree keep their sizes."""
+    of_model: dict[str, str] = {}
+    for name, spec in scene.substructures.items():
+        again = getattr(spec.part, "again", None)
+        if isinstance(again, OfModel) and again.model is model and not _tied(spec):
+            of_model[name] = again.name
+    sizes = {}
+    for name, own in of_model.items():
+        part = scene.substructures[name].part
+        raised = name in found.specs
+        ratio = ratios[name] if name in ratios and not raised else 1.0
+        # no cell gets larger: round faces that are coarse as they are must not fold
+        ratio = np.minimum(ratio, np.ones(_count(scene.substructures[name])))
+        sizes[own] = size_field(part.mesh, cell_sizes(part.mesh) * ratio)
+    try:
+        parts = model.parts(sizes)
+        for name, own in of_model.items():
+            spec = found.specs.get(name, scene.substructures[name])
+            _check_same(spec, parts.get(own))
+            found.specs[name] = replace(spec, source=parts[own])
+            how = f"{found.how[name]}, meshed again" if name in found.how else "meshed again"
+            found.how[name] = _told(how, found.specs[name], scene.substructures[name])
+    except SceneError as error:
+        for name in of_model:
+            found.specs.pop(name, None)
+            found.stuck[name] = str(error).splitlines()[0]
 
 
 def _count(spec: SubstructureSpec) -> int:
@@ -240,35 +288,49 @@ def _spread(contributions: Array) -> bool:
     return half > MANY * len(contributions)
 
 
-def _finer_part(
-    spec: SubstructureSpec, ratio: Array, raised: bool, cut: bool
-) -> tuple[SubstructureSpec | None, str]:
-    """A part with a finer mesh or a higher degree, and how; None: it can have neither, and why.
+def _better_raised(spec: SubstructureSpec, cells: Array, ratio: Array) -> bool:
+    """Whether a higher degree does more than smaller cells: many of these decide, or, in space, where edges
+    take many cells, it asks for fewer unknowns."""
+    if _spread(cells):
+        return True
+    growth = CLOSURE * float(np.mean(np.minimum(ratio, 1.0) ** -spec.dim))
+    return spec.dim == 3 and growth > ((spec.degree + 1) / spec.degree) ** spec.dim
+
+
+def _way(spec: SubstructureSpec, raised: bool, cut: bool) -> tuple[str | None, str]:
+    """How a part becomes finer, ``"degree"`` or ``"cells"``, and that in words; None: not at all, and why.
 
     `raised`: a higher degree is better. `cut`: smaller cells are, as at the edge of a contact zone.
     """
     tied = _tied(spec)
-    cell = spec.cell
     again = getattr(spec.part, "again", None)
     # straight cells may be off a round face, which smaller ones tell
     raised = raised and (again is None or int(coordinate_map(spec.part.mesh).degree) > 1)
-    alone = tied or raised or (cell not in SIMPLICES and again is None and not cut)
+    alone = tied or raised or (spec.cell not in SIMPLICES and again is None and not cut)
     if spec.degree == 1 or (alone and spec.degree < MOST_DEGREE):
-        return replace(spec, degree=spec.degree + 1), f"degree {spec.degree + 1}"
+        return "degree", f"degree {spec.degree + 1}"
     if tied:
         return None, f"{tied}, which cannot follow it to another mesh, and its degree is {spec.degree}"
     if again is not None:
+        return "cells", "meshed again"
+    return "cells", "cells cut" if spec.cell in SIMPLICES else "all cells cut"
+
+
+def _meshed(spec: SubstructureSpec, ratio: Array) -> SubstructureSpec:
+    """A part with smaller cells."""
+    again = getattr(spec.part, "again", None)
+    if again is not None:
         part = again(size_field(spec.part.mesh, cell_sizes(spec.part.mesh) * ratio))
         _check_same(spec, part)
-        how = "meshed again"
-    elif cell in SIMPLICES:
+    elif spec.cell in SIMPLICES:
         part = bisected(spec.part, ratio)
-        how = "cells cut"
     else:
         part = halved(spec.part)
-        how = "all cells cut"
-    new = replace(spec, source=part)
-    return new, f"{how}, {_count(new)} instead of {_count(spec)}"
+    return replace(spec, source=part)
+
+
+def _told(how: str, new: SubstructureSpec, old: SubstructureSpec) -> str:
+    return f"{how}, {_count(new)} instead of {_count(old)}"
 
 
 def _check_same(spec: SubstructureSpec, part: Any) -> None:
