@@ -254,10 +254,26 @@ def _meshed(
             raise SceneError(
                 f"gmsh cannot mesh the vessel with size = {size:g} ({failure}); reduce size"
             ) from failure
-        if order == 2:
+        if order == 2 and sizes is None:
             curve_elements(gmsh.model)
+        elif order == 2:
+            _curve_graded(gmsh.model)
         name_faces(gmsh.model, volumes, lambda part, x: _vessel_face(part, shape, x))
         return from_gmsh(gmsh.model).parts
+
+
+def _curve_graded(model: Any) -> None:
+    """Second order for a mesh of other sizes, whose folded cells are not optimised: that may end the process."""
+    mesh = model.mesh
+
+    def folded() -> bool:
+        return min(mesh.getElementQualities(t, "minSJ").min() for t in mesh.getElements(3)[1]) <= 0.0
+
+    mesh.setOrder(2)
+    if folded():
+        mesh.optimize("HighOrderElastic")
+        if folded():
+            raise SceneError("bolted_vessel: curved cells of these sizes are folded; ask for smaller ones")
 
 
 def _vessel_volumes(model: Any, shape: VesselShape) -> dict[str, list[int]]:

@@ -66,9 +66,10 @@ SLOWEST, FASTEST = 0.65, 0.2
 AT_EDGES = 0.6
 """The least of these where a contact zone has an edge, or straight cells round off a face: unseen errors."""
 
-AT_DEGREE = 0.35
-"""The least of these where degree 2 became 3: with that a crack keeps (2 / 3)^2 of its error, a free corner of
-270 degrees 0.42 and a clamped one 0.3, of which estimates need not tell; times `MARGIN` the first is covered."""
+AT_DEGREE, MOST_RAISED = 0.32, 0.8
+"""This factor where degree 2 became 3 in parts with most of the error, this share at least: a free corner of
+270 degrees keeps (2 / 3)^(4 0.54) = 0.42 of its error then, 0.71 of the change, which is `MARGIN` times what
+this factor says; clamped corners keep 0.3, smooth answers less. With less of it in them it is the least."""
 
 LEAST_AT_EDGES = 0.25
 """Share of a change that edges of contact zones are taken for at least."""
@@ -146,7 +147,7 @@ class Judged:
         self.given_up = False
         self.estimates: list[float] = []
         self.by_part: list[dict[str, float]] = []
-        self.raised: set[int] = set()
+        self.raised: dict[int, float] = {}
         self.edges: dict[str, Array] = {}
         self.unseen: dict[str, float] = {}
         self.stays: dict[str, float] = {}
@@ -176,10 +177,11 @@ class Judged:
         of_quantity = isinstance(self.quantity, Resultant) and found.quantity is not None
         if of_quantity:
             size = self._size(value)
-            estimate = share_of(found.quantity or 0.0, size)
+            estimate, least = (share_of(each or 0.0, size) for each in (found.seen, found.quantity))
             sure = share_of(found.bound or 0.0, size)
         else:
             estimate = sure = found.energy if self.quantity is None else np.nan
+            least = 0.0
         self._count_unseen(found, value)
         of_unseen, stays = sum(self.unseen.values()), sum(self.stays.values())
         self.cells = found.cells
@@ -195,8 +197,11 @@ class Judged:
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         self.by_part.append({name: float(each.sum()) for name, each in self.cells.items()})
-        if any(how == f"degree {MOST_DEGREE}" for how in changed.values()):
-            self.raised.add(len(self.steps))
+        higher = [name for name, how in changed.items() if how == f"degree {MOST_DEGREE}"]
+        if higher:  # of the mesh before, what was in parts that have a higher degree now
+            old = self.by_part[-2]
+            share = sum(old[name] for name in higher) / max(sum(old.values()), 1e-300)
+            self.raised[len(self.steps)] = share
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         self.edges, across = contact_edges(result)
         seen = self._change(value)
@@ -207,8 +212,11 @@ class Judged:
             said, how = seen, "the change from mesh to mesh"
         elif not self.steps and not SURE * sure <= self.target:
             how = "recovered stresses; no second mesh confirms it"
-        self.rest = MARGIN * said
-        said = MARGIN * (said + stays)
+        # what is added for singular stresses is a margin already
+        self.rest = max(MARGIN * said, least + of_unseen)
+        if self.raised.get(len(self.steps), 0.0) > MOST_RAISED:  # the shape is as it was before
+            self.rest = max(self.rest, MARGIN * seen + of_unseen)
+        said = self.rest + MARGIN * stays
         if stays > 0.5 * said:
             how = f"cells on round faces of {max(self.stays, key=lambda n: self.stays[n])}"
         absolute = None if value is None else said * self._size(value)
@@ -392,8 +400,11 @@ class Judged:
             values = np.array([*(step.value for step in self.steps), value], dtype=np.float64)
             changes = np.array([share_of(each, self._size(value)) for each in np.diff(values)])
         falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
-        least = [self._fastest_of_step(k + 1) for k in range(len(falls))]
-        falls = np.clip(falls, np.maximum(least, self._fastest()) if self.edges else least, SLOWEST)
+        least = np.array([self._fastest_of_step(k + 1) for k in range(len(falls))])
+        most = [AT_DEGREE if self.raised.get(k + 1, 0.0) > MOST_RAISED else SLOWEST for k in range(len(falls))]
+        falls = np.clip(falls, least, most)
+        if self.edges:
+            falls = np.maximum(falls, self._fastest())
         left, since = 0.0, 1.0
         for change, fall in zip(changes[::-1], falls[::-1], strict=True):
             since *= fall if since == 1.0 else fall * FORGOTTEN
