@@ -263,7 +263,7 @@ def _meshed(
 
 
 def _curve_graded(model: Any) -> None:
-    """Second order for a mesh of other sizes, whose folded cells are not optimised: that may end the process."""
+    """Second order for a mesh of other sizes; to optimise its folded cells may end the process."""
     mesh = model.mesh
 
     def folded() -> bool:

@@ -52,6 +52,9 @@ which are the worse the coarser the mesh is."""
 SMALLER = 0.6
 """Size of the cells of a part whose shape is in doubt, relative to those before."""
 
+ROUNDER = 0.75
+"""The same of curved cells whose degree is raised, too: their shape is better by its fourth power, 0.3."""
+
 MANY = 0.06
 """Share of the cells of a part of which it is said that they are many."""
 
@@ -60,8 +63,11 @@ CLOSURE = 1.2
 
 SAME_COUNT, SAME_FROM = 1.2, 0.6
 """Size that gives a coarse part about as many cells again, relative to what they have, and the relative size
-from which on none is needed (measured with the lap joint and the vessel: 1.6 to 2.1 times the cells otherwise,
-and 0.85 to 1.05 times as many as were asked for)."""
+from which on none is needed (measured with lap joint and vessel: 1.6 to 2.1 times the cells otherwise, and
+0.85 to 1.05 times as many as were asked for)."""
+
+FORESEEN = 1.2
+"""Unknowns foreseen from sizes over those that are too many, from which on no mesh is made to see."""
 
 LEFT_ALONE = 0.5
 """Parts keep their meshes while together they contribute at most this share of what may be left."""
@@ -90,12 +96,15 @@ class Finer:
         Parts that should have become finer and cannot, and why.
     growth
         Part -> number of its new unknowns, about, over that of the old ones.
+    too_large
+        Unknowns that there would be, where these are more than were allowed: then nothing is meshed.
     """
 
     specs: dict[str, SubstructureSpec]
     how: dict[str, str]
     stuck: dict[str, str]
     growth: dict[str, float]
+    too_large: float = 0.0
 
 
 def finer(
@@ -106,6 +115,7 @@ def finer(
     edges: Mapping[str, Array],
     unseen: Collection[str] = (),
     means: Collection[str] = (),
+    most: float = np.inf,
 ) -> Finer:
     """Finer meshes of those parts that decide.
 
@@ -121,6 +131,8 @@ def finer(
         Parts that get smaller cells everywhere in any case: what is wrong with their shape nothing tells.
     means
         Interfaces whose cells are halved if a part beside decides: what their means leave out nothing tells.
+    most
+        Unknowns of all parts, about, above which nothing is meshed.
     """
     sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
@@ -163,9 +175,14 @@ def finer(
     raised = {
         name
         for name, ratio in wanted.items()
-        if name not in smaller and _better_raised(scene.substructures[name], cells[name], ratio)
+        if name not in at_edges
+        and (name not in unseen or _model(scene.substructures[name]) is not None)
+        and _better_raised(scene.substructures[name], cells[name], ratio)
     }
     raised |= _with_their_models(scene, wanted, raised, smaller)
+    about = _about(scene, problem, wanted, raised)
+    if about > FORESEEN * most:
+        return replace(found, too_large=about)
     for name, ratio in wanted.items():
         spec = scene.substructures[name]
         way, how = _way(spec, name in raised, name in at_edges)
@@ -181,8 +198,12 @@ def finer(
                 found.how[name] = _told(how, found.specs[name], spec)
         except SceneError as error:
             found.stuck[name] = str(error).splitlines()[0]
+    for name in unseen:  # a higher degree does not change the shape
+        model = _model(scene.substructures[name])
+        if name in found.specs and model is not None:
+            together[model] = None
     for model in together:
-        _meshed_together(scene, model, ratios, found)
+        _meshed_together(scene, model, ratios, unseen, found)
     for name, new in found.specs.items():
         spec = scene.substructures[name]
         found.growth[name] = _count(new) / _count(spec) * (new.degree / spec.degree) ** spec.dim
@@ -202,6 +223,19 @@ def _model(spec: SubstructureSpec) -> Model | None:
     return again.model if isinstance(again, OfModel) and not _tied(spec) else None
 
 
+def _about(scene: Scene, problem: Problem, wanted: Mapping[str, Array], raised: Collection[str]) -> float:
+    """Unknowns that there will be, as far as sizes tell."""
+    total = 0.0
+    for name, part in problem.substructures.items():
+        spec, growth = scene.substructures[name], 1.0
+        if name in raised or (name in wanted and spec.degree == 1):
+            growth = ((spec.degree + 1) / spec.degree) ** spec.dim
+        elif name in wanted:
+            growth = float(np.mean(wanted[name] ** -spec.dim))
+        total += part.size * growth
+    return total
+
+
 def _with_their_models(
     scene: Scene, wanted: Collection[str], raised: Collection[str], smaller: Collection[str]
 ) -> set[str]:
@@ -214,8 +248,11 @@ def _with_their_models(
     return {name for name in low if models[name] in some}
 
 
-def _meshed_together(scene: Scene, model: Model, ratios: Mapping[str, Array], found: Finer) -> None:
-    """The parts of a model meshed again, all of them; those that get a higher degree keep their sizes."""
+def _meshed_together(
+    scene: Scene, model: Model, ratios: Mapping[str, Array], unseen: Collection[str], found: Finer
+) -> None:
+    """All parts of a model meshed again; those that get a higher degree keep their sizes, but for what their
+    shape needs."""
     of_model: dict[str, str] = {}
     for name, spec in scene.substructures.items():
         if _model(spec) is model:
@@ -223,8 +260,9 @@ def _meshed_together(scene: Scene, model: Model, ratios: Mapping[str, Array], fo
     sizes = {}
     for name, own in of_model.items():
         part = scene.substructures[name].part
-        raised = name in found.specs
-        ratio = ratios[name] if name in ratios and not raised else 1.0
+        ratio: Array | float = ratios.get(name, 1.0)
+        if name in found.specs:  # raised
+            ratio = ROUNDER if name in unseen else 1.0
         # no cell gets larger: round faces that are coarse as they are must not fold
         ratio = np.minimum(ratio, np.ones(_count(scene.substructures[name])))
         sizes[own] = _sizes(part.mesh, ratio)

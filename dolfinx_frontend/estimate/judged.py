@@ -259,7 +259,7 @@ class Judged:
         vary: Sequence[str] = ()
         linear = all(each.law.linear for each in problem.interfaces.values())
         if self.random and (not linear or isinstance(self.quantity, Resultant)):
-            vary = RandomLaws.of(problem).interfaces  # points and chaos of what is random have the same factors
+            vary = RandomLaws.of(problem).interfaces  # points and chaos have the same factors
         if vary and linear:
             settings = {**settings, "active": self._kept(problem, settings)}
         others = []
@@ -401,7 +401,8 @@ class Judged:
             changes = np.array([share_of(each, self._size(value)) for each in np.diff(values)])
         falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
         least = np.array([self._fastest_of_step(k + 1) for k in range(len(falls))])
-        most = [AT_DEGREE if self.raised.get(k + 1, 0.0) > MOST_RAISED else SLOWEST for k in range(len(falls))]
+        raised = [self.raised.get(k + 1, 0.0) > MOST_RAISED for k in range(len(falls))]
+        most = np.where(raised, AT_DEGREE, SLOWEST)
         falls = np.clip(falls, least, most)
         if self.edges:
             falls = np.maximum(falls, self._fastest())

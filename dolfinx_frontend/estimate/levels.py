@@ -253,7 +253,8 @@ def fine_points(
                 options=options.with_(rtol=known.rtol),
                 **settings,
             )
-            kept = before.problem is problem and plan.columns == before.plan.columns and plan.shares_factors(before.plan)
+            same = plan.columns == before.plan.columns and plan.shares_factors(before.plan)
+            kept = before.problem is problem and same
             solver = before if kept else Solver(problem, plan, before)
         samples = sample_on(
             solver,

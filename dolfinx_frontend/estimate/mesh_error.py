@@ -47,8 +47,8 @@ __all__ = ["DeviationError", "DiscretisationError", "deviation_error", "discreti
 SMALL = 1e-3
 """Size of the change that gives the tangent of a nonlinear law, relative to the largest displacement."""
 UNSIGNED = 0.5
-"""Share of contributions without cancellation that an error is taken for at least on simplices of degree 2 and
-3: beside singular edges the signs of their recovered products are those of chance."""
+"""Share of contributions without cancellation that an error is taken for at least on tetrahedra of degree 2
+and 3: beside singular edges the signs of their recovered products are those of chance."""
 MOST_MODES, MOST_VARIANCE = 6, 0.98
 """Modes whose errors are estimated at most; the share of the variance from which on no more are."""
 TANGENT_RTOL = 1e-7
@@ -69,7 +69,7 @@ class DiscretisationError:
         Size of the error of the quantity of interest, in its unit; None: none was named. The larger of
         |correction| and the root of the sum of the squares of its contributions by cell: where these cancel,
         their sum is no estimate. On simplices of degree 2 and 3 more where few cells have most of it (singular
-        edges), and at least half of the sum without signs.
+        edges), on such tetrahedra at least half of the sum without signs.
     value
         The quantity in the result.
     correction
@@ -293,7 +293,7 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
             by_cell = made.energies([u if u.ndim == 1 else u[-1], dual[name]])
             sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))
             more = made.missed(sizes)
-            apart = UNSIGNED * sizes.sum() if made.blind else 0.0
+            apart = UNSIGNED * sizes.sum() if made.unsigned else 0.0
             row += more * by_cell[0, 0].sum(), more * by_cell[0, 1].sum(), np.sum(by_cell[0, 1] ** 2), apart
             own = own + by_cell[0, 0]
         of_dual = by_cell[1, 1]
@@ -335,7 +335,7 @@ class _Errors:
             float(product.sum()),
             float(product @ product),
             more * float(product.sum()),
-            float(sizes.sum()) if made.blind else 0.0,
+            float(sizes.sum()) if made.unsigned else 0.0,
         )
         return sums, sizes
 

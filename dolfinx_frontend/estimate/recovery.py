@@ -35,9 +35,9 @@ __all__ = ["Recovery", "recovery"]
 
 
 FEW, SINGULAR = 0.06, 1.5
-"""Share of the cells of which it is asked how much of all errors is in them, and how much more there is if all
-is: no polynomial follows a stress that is singular, and on simplices of degree 2 and 3 fits see half of its
-energy and less (see the measured ratios in the documentation)."""
+"""Share of the cells of which it is asked how much of all errors they have, and how much more there is if
+they have all: no polynomial follows a stress that is singular, and on simplices of degree 2 and 3 fits see
+half of its energy and less (see the measured ratios in the documentation)."""
 
 SIMPLICES = ("triangle", "tetrahedron")
 POINTS_A_TERM = 1.5
@@ -93,7 +93,7 @@ def _of_cells(integrand: Any, mesh: Any, order: int, degree: int, constants: Any
 def _isotropic(
     cell: str, order: int, variant: int, degree: int, dim: int, plane: str
 ) -> tuple[Any, tuple[Any, ...], tuple[Any, Any]]:
-    """The compiled form of errors in isotropic parts of one kind of element, its coefficients, its E and nu."""
+    """The compiled form of errors in isotropic parts of one kind of element, its fields, its E and nu."""
     lagrange = basix.LagrangeVariant(variant)
     domain = ufl.Mesh(element("Lagrange", cell, order, lagrange_variant=lagrange, shape=(dim,)))
     space = ufl.FunctionSpace(domain, element("Lagrange", cell, degree, shape=(dim,)))
@@ -304,6 +304,11 @@ class Recovery:
         """Whether the cells are of those that see too little of what is singular."""
         return self.simplex and self.degree > 1
 
+    @property
+    def unsigned(self) -> bool:
+        """Whether the signs of products tell nothing beside singular edges."""
+        return self.blind and self.dim == 3
+
     def products(self, u: Array, z: Array) -> Array:
         """(cells,) a(u, z) of solutions (n,) themselves, force * length."""
         form, (_, w, _, v), place = self._whole if self.part.around else self._form
@@ -347,7 +352,7 @@ class Recovery:
         return fem.form(self._errors(part.integrand, (g, w, h, v), constants)), (g, w, h, v), place
 
     def _errors(self, integrand: Any, fields: tuple[Any, Any, Any, Any], constants: Any) -> Any:
-        """The form of the errors of recovered gradients g and h of w and v, tested with constants of cells."""
+        """The form of the errors of recovered gradients g and h of w and v, cell by cell."""
         g, w, h, v = fields
         mesh = self.part.part.mesh
         order = int(coordinate_map(mesh).degree)
