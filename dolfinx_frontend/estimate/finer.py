@@ -191,8 +191,8 @@ def finer(
                 found.stuck[name] = how
             elif way == "degree":
                 found.specs[name], found.how[name] = replace(spec, degree=spec.degree + 1), how
-            elif isinstance(spec.part.again, OfModel):
-                together[spec.part.again.model] = None
+            elif (model := _model(spec)) is not None:
+                together[model] = None
             else:
                 found.specs[name] = _meshed(spec, ratio)
                 found.how[name] = _told(how, found.specs[name], spec)
@@ -255,8 +255,9 @@ def _meshed_together(
     shape needs."""
     of_model: dict[str, str] = {}
     for name, spec in scene.substructures.items():
-        if _model(spec) is model:
-            of_model[name] = spec.part.again.name
+        again = getattr(spec.part, "again", None)
+        if _model(spec) is model and again is not None:
+            of_model[name] = again.name
     sizes = {}
     for name, own in of_model.items():
         part = scene.substructures[name].part
