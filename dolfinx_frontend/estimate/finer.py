@@ -210,11 +210,11 @@ def finer(
     return found
 
 
-def _sizes(mesh: Any, ratio: Array) -> SizeField:
+def _sizes(mesh: Any, ratio: Array, count: float) -> SizeField:
     """Sizes for a mesh generator: where nothing is to change cells of the size of the present ones would be
     more of them, as a coarse mesh has its cells from its edges."""
     same = np.clip((ratio - SAME_FROM) / (1.0 - SAME_FROM), 0.0, 1.0)
-    return size_field(mesh, cell_sizes(mesh) * ratio * (1.0 + (SAME_COUNT - 1.0) * same))
+    return size_field(mesh, cell_sizes(mesh) * ratio * (1.0 + (count - 1.0) * same))
 
 
 def _model(spec: SubstructureSpec) -> Model | None:
@@ -258,17 +258,19 @@ def _meshed_together(
         again = getattr(spec.part, "again", None)
         if _model(spec) is model and again is not None:
             of_model[name] = again.name
-    sizes = {}
+    wanted: dict[str, tuple[Any, Array]] = {}
     for name, own in of_model.items():
-        part = scene.substructures[name].part
         ratio: Array | float = ratios.get(name, 1.0)
         if name in found.specs:  # raised
             ratio = ROUNDER if name in unseen else 1.0
         # no cell gets larger: round faces that are coarse as they are must not fold
-        ratio = np.minimum(ratio, np.ones(_count(scene.substructures[name])))
-        sizes[own] = _sizes(part.mesh, ratio)
+        spec = scene.substructures[name]
+        wanted[own] = spec.part.mesh, np.minimum(ratio, np.ones(_count(spec)))
     try:
-        parts = model.parts(sizes)
+        try:
+            parts = model.parts({own: _sizes(*each, SAME_COUNT) for own, each in wanted.items()})
+        except SceneError:  # more cells fold less
+            parts = model.parts({own: _sizes(*each, 1.0) for own, each in wanted.items()})
         for name, own in of_model.items():
             spec = found.specs.get(name, scene.substructures[name])
             _check_same(spec, parts.get(own))

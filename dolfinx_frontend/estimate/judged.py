@@ -587,7 +587,9 @@ class Judged:
         each = self._fastest() if self.edges else FASTEST
         since = range(mesh + 1, len(self.steps))
         least = float(np.prod([max(each, self._fastest_of_step(k)) for k in since]))
-        fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, SLOWEST))
+        most = float(np.prod([AT_DEGREE if self.raised.get(k, 0.0) > MOST_RAISED else 1.0 for k in since]))
+        most = max(min(most, SLOWEST), least)
+        fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, most))
         return MARGIN * abs(after - before) * fall / (1.0 - fall)
 
     def _deviation_alone(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:

@@ -68,8 +68,8 @@ class DiscretisationError:
     quantity
         Size of the error of the quantity of interest, in its unit; None: none was named. The larger of
         |correction| and the root of the sum of the squares of its contributions by cell: where these cancel,
-        their sum is no estimate. On simplices of degree 2 and 3 more where few cells have most of it (singular
-        edges), on such tetrahedra at least half of the sum without signs.
+        their sum is no estimate. On simplices of degree 2 and 3 more where few cells have most of it, as at
+        singular edges; on such tetrahedra at least half of the sum without signs.
     value
         The quantity in the result.
     correction
