@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -11,8 +13,17 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.geometry.finer import remeshable_model
 from dolfinx_frontend.geometry.gmsh import curve_elements, from_gmsh, gmsh_session, refine_around
-from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, check_order, check_positive
+from dolfinx_frontend.geometry.parts import (
+    FREE,
+    Assembly,
+    Connection,
+    Part,
+    check_order,
+    check_positive,
+)
+from dolfinx_frontend.geometry.sizes import SizeField
 from parts.faces import name_faces
 
 __all__ = ["BoltedVessel", "VesselShape", "bolted_vessel"]
@@ -206,6 +217,15 @@ def bolted_vessel(
             raise unknown_name("size", size, _VESSEL_SIZES, "bolted_vessel")
         size = _VESSEL_SIZES[size] * shape.flange_radius / 160.0
     check_positive(size=size)
+    parts = remeshable_model(partial(_meshed, shape, float(size), order))
+    parameters = asdict(shape) | {"mesh_size": size, "geometry_order": order}
+    return BoltedVessel(parts, _VESSEL_INTERFACES, MappingProxyType(parameters))
+
+
+def _meshed(
+    shape: VesselShape, size: float, order: int, sizes: Mapping[str, SizeField] | None
+) -> dict[str, Part]:
+    """All parts, with their own sizes or with others."""
     options = {
         "Mesh.MeshSizeFromPoints": 0.0,
         "Mesh.MeshSizeFromCurvature": 0.0,
@@ -216,27 +236,44 @@ def bolted_vessel(
     }
     with gmsh_session("bolted_vessel", options) as gmsh:
         volumes = _vessel_volumes(gmsh.model, shape)
-        refine_around(
-            gmsh.model,
-            [shape.bolt_circle],
-            shape.head_radius,
-            size,
-            # at least three cells along a half circle, or curved cells fold
-            smallest=min(0.6 * size, 1.05 * shape.screw_radius),
-            reach=2 * shape.head_radius,
-        )
+        if sizes is None:
+            refine_around(
+                gmsh.model,
+                [shape.bolt_circle],
+                shape.head_radius,
+                size,
+                # at least three cells along a half circle, or curved cells fold
+                smallest=min(0.6 * size, 1.05 * shape.screw_radius),
+                reach=2 * shape.head_radius,
+            )
+        else:
+            SizeField.joined(sizes.values()).set(gmsh)
         try:
             gmsh.model.mesh.generate(3)
         except Exception as failure:  # gmsh raises nothing more specific
             raise SceneError(
                 f"gmsh cannot mesh the vessel with size = {size:g} ({failure}); reduce size"
             ) from failure
-        if order == 2:
+        if order == 2 and sizes is None:
             curve_elements(gmsh.model)
+        elif order == 2:
+            _curve_graded(gmsh.model)
         name_faces(gmsh.model, volumes, lambda part, x: _vessel_face(part, shape, x))
-        parts = from_gmsh(gmsh.model).parts
-    parameters = asdict(shape) | {"mesh_size": size, "geometry_order": order}
-    return BoltedVessel(parts, _VESSEL_INTERFACES, MappingProxyType(parameters))
+        return from_gmsh(gmsh.model).parts
+
+
+def _curve_graded(model: Any) -> None:
+    """Second order for a mesh of other sizes; to optimise its folded cells may end the process."""
+    mesh = model.mesh
+
+    def folded() -> bool:
+        return min(mesh.getElementQualities(t, "minSJ").min() for t in mesh.getElements(3)[1]) <= 0.0
+
+    mesh.setOrder(2)
+    if folded():
+        mesh.optimize("HighOrderElastic")
+        if folded():
+            raise SceneError("bolted_vessel: curved cells of these sizes are folded; ask for smaller ones")
 
 
 def _vessel_volumes(model: Any, shape: VesselShape) -> dict[str, list[int]]:

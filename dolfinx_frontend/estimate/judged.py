@@ -21,7 +21,15 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.cells import Cells, cells_of
-from dolfinx_frontend.estimate.errors import beside_what_acts, complete, errors, over_ranks
+from dolfinx_frontend.estimate.errors import (
+    DIGIT,
+    FINEST,
+    beside_what_acts,
+    complete,
+    errors,
+    over_ranks,
+)
+from dolfinx_frontend.estimate.finer import MOST_DEGREE
 from dolfinx_frontend.estimate.levels import (
     OF_COARSE,
     CoarsePoints,
@@ -53,7 +61,7 @@ from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.deterministic import solve_once
-from dolfinx_frontend.solvers.galerkin import solve_chaos
+from dolfinx_frontend.solvers.galerkin import chaos_on, solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = ["MARGIN", "Judged"]
@@ -65,6 +73,11 @@ SLOWEST, FASTEST = 0.65, 0.2
 
 AT_EDGES = 0.6
 """The least of these where a contact zone has an edge, or straight cells round off a face: unseen errors."""
+
+AT_DEGREE, MOST_RAISED = 0.32, 0.8
+"""This factor where degree 2 became 3 in parts with most of the error, this share at least: a free corner of
+270 degrees keeps (2 / 3)^(4 0.54) = 0.42 of its error then, 0.71 of the change, which is `MARGIN` times what
+this factor says; clamped corners keep 0.3, smooth answers less. With less of it in them it is the least."""
 
 LEAST_AT_EDGES = 0.25
 """Share of a change that edges of contact zones are taken for at least."""
@@ -147,6 +160,7 @@ class Judged:
         self.given_up = False
         self.estimates: list[float] = []
         self.by_part: list[dict[str, float]] = []
+        self.raised: dict[int, float] = {}
         self.edges: dict[str, Array] = {}
         self.meshes: dict[str, Cells] = {}
         self.cells: dict[str, Array] = {}
@@ -178,10 +192,11 @@ class Judged:
         of_quantity = isinstance(self.quantity, Resultant) and found.quantity is not None
         if of_quantity:
             size = self._size(value)
-            estimate = share_of(found.quantity or 0.0, size)
+            estimate, least = (share_of(each or 0.0, size) for each in (found.seen, found.quantity))
             sure = share_of(found.bound or 0.0, size)
         else:
             estimate = sure = found.energy if self.quantity is None else np.nan
+            least = 0.0
         self._count_unseen(found, value)
         of_unseen, stays = sum(self.unseen.values()), sum(self.stays.values())
         self.cells = problem.gather(found.cells, parts=True)
@@ -197,6 +212,11 @@ class Judged:
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         self.by_part.append({name: float(each.sum()) for name, each in self.cells.items()})
+        higher = [name for name, how in changed.items() if how == f"degree {MOST_DEGREE}"]
+        if higher:  # of the mesh before, what was in parts that have a higher degree now
+            old = self.by_part[-2]
+            share = sum(old[name] for name in higher) / max(sum(old.values()), 1e-300)
+            self.raised[len(self.steps)] = share
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         self.edges, across = contact_edges(result)
         seen = self._change(value)
@@ -207,8 +227,11 @@ class Judged:
             said, how = seen, "the change from mesh to mesh"
         elif not self.steps and not SURE * sure <= self.target:
             how = "recovered stresses; no second mesh confirms it"
-        self.rest = MARGIN * said
-        said = MARGIN * (said + stays)
+        # what is added for singular stresses is a margin already
+        self.rest = max(MARGIN * said, least + of_unseen)
+        if self.raised.get(len(self.steps), 0.0) > MOST_RAISED:  # the shape is as it was before
+            self.rest = max(self.rest, MARGIN * seen + of_unseen)
+        said = self.rest + MARGIN * stays
         if stays > 0.5 * said:
             how = f"cells on round faces of {max(self.stays, key=lambda n: self.stays[n])}"
         absolute = None if value is None else said * self._size(value)
@@ -257,8 +280,13 @@ class Judged:
         if self.acting:
             problem = problem.with_laws(values=dict(self.acting))
         vary: Sequence[str] = ()
-        if self.random and any(not each.law.linear for each in problem.interfaces.values()):
-            vary = RandomLaws.of(problem).interfaces  # the points of what is random have the same factors
+        linear = all(each.law.linear for each in problem.interfaces.values())
+        if self.random and (not linear or isinstance(self.quantity, Resultant)):
+            vary = RandomLaws.of(problem).interfaces  # points and chaos have the same factors
+        if vary and linear:
+            settings = {**settings, "active": self._kept(problem, settings)}
+            # where a direct solution would do, changes from mesh to mesh must not be those of the iteration
+            options = options.with_(rtol=max(DIGIT * options.rtol, FINEST))
         others = []
         plan = make_plan(problem, method, vary=vary, options=self._later(options, before), **settings)
         if plan.options.newton != options.newton:
@@ -400,7 +428,12 @@ class Judged:
             values = np.array([*(step.value for step in self.steps), value], dtype=np.float64)
             changes = np.array([share_of(each, self._size(value)) for each in np.diff(values)])
         falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
-        falls = np.clip(falls, self._fastest(), SLOWEST)
+        least = np.array([self._fastest_of_step(k + 1) for k in range(len(falls))])
+        raised = [self.raised.get(k + 1, 0.0) > MOST_RAISED for k in range(len(falls))]
+        most = np.where(raised, AT_DEGREE, SLOWEST)
+        falls = np.clip(falls, least, most)
+        if self.edges:
+            falls = np.maximum(falls, self._fastest())
         left, since = 0.0, 1.0
         for change, fall in zip(changes[::-1], falls[::-1], strict=True):
             since *= fall if since == 1.0 else fall * FORGOTTEN
@@ -415,15 +448,20 @@ class Judged:
         become better, of all parts.
         """
         if not self.edges or len(self.by_part) < 2:
-            return AT_EDGES if self.edges else FASTEST
+            return AT_EDGES if self.edges else self._fastest_of_step(len(self.by_part) - 1)
         assert self.problem is not None
         sides = [side for name in self.edges for side in self.problem.interfaces[name].sides[:1]]
         beside = {side.substructure for side in sides}
         better = {n: max(self.by_part[-2][n] - each, 0.0) for n, each in self.by_part[-1].items()}
         share = sum(each for n, each in better.items() if n in beside) / max(sum(better.values()), 1e-300)
         share = max(share, LEAST_AT_EDGES)
-        left = share * AT_EDGES / (1.0 - AT_EDGES) + (1.0 - share) * FASTEST / (1.0 - FASTEST)
+        fastest = self._fastest_of_step(len(self.by_part) - 1)
+        left = share * AT_EDGES / (1.0 - AT_EDGES) + (1.0 - share) * fastest / (1.0 - fastest)
         return left / (1.0 + left)
+
+    def _fastest_of_step(self, mesh: int) -> float:
+        """The same of the step to a mesh, by its number, without edges of contact zones."""
+        return AT_DEGREE if mesh in self.raised else FASTEST
 
     def _of_chords(self) -> list[str]:
         """Parts of straight cells that may have another shape."""
@@ -568,8 +606,12 @@ class Judged:
 
     def _carried_on(self, before: float, after: float, mesh: int) -> float:
         """What the change of a deviation since an earlier mesh, by its number, says of what is left."""
-        least = self._fastest() ** (len(self.steps) - 1 - mesh)
-        fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, SLOWEST))
+        each = self._fastest() if self.edges else FASTEST
+        since = range(mesh + 1, len(self.steps))
+        least = float(np.prod([max(each, self._fastest_of_step(k)) for k in since]))
+        most = float(np.prod([AT_DEGREE if self.raised.get(k, 0.0) > MOST_RAISED else 1.0 for k in since]))
+        most = max(min(most, SLOWEST), least)
+        fall = float(np.clip(self.estimates[-1] / max(self.estimates[mesh], 1e-300), least, most))
         return MARGIN * abs(after - before) * fall / (1.0 - fall)
 
     def _deviation_alone(self, method: Method, options: Options, settings: Mapping[str, Any]) -> bool:
@@ -592,7 +634,14 @@ class Judged:
     def _first_chaos(
         self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
     ) -> ChaosResult:
-        """The chaos of order 1 on some meshes."""
+        """The chaos of order 1 on some meshes, on the factors of the answer at the means if it has these."""
+        if self.result is not None and self.result.problem is problem and self.result.converged:
+            given = {name: each for name, each in settings.items() if name != "active"}
+            order = Chaos(order=1, check_points=0)
+            found = chaos_on(self.result, order, method, options=options, progress=self.shown, **given)
+            if found is not None:
+                complete(found)
+                return found
         active = self._kept(problem, settings)
         chaos = solve_chaos(
             problem,

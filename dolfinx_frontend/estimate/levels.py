@@ -25,7 +25,7 @@ from dolfinx_frontend.estimate.errors import FINEST, complete, errors, next_halv
 from dolfinx_frontend.estimate.points import SETS, SURE, calibrated, solved, wide_points
 from dolfinx_frontend.kernel.fitting import solver_of
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Method, Plan, plan_of_random
+from dolfinx_frontend.plan.plan import Method, plan_of_random
 from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -254,7 +254,8 @@ def fine_points(
                 options=options.with_(rtol=known.rtol),
                 **settings,
             )
-            kept = before.problem is problem and _alike(plan, before.plan)
+            same = plan.columns == before.plan.columns and plan.shares_factors(before.plan)
+            kept = before.problem is problem and same
             solver = before if kept else solver_of(problem, plan, before=before)
         samples = sample_on(
             solver,
@@ -272,16 +273,6 @@ def fine_points(
         if found is not None and found.total <= accuracy:
             return FinePoints(samples, found)
     return None
-
-
-def _alike(one: Plan, other: Plan) -> bool:
-    """Whether two plans keep the same interfaces and load the parts alike: then a solver serves both."""
-    names = [
-        *("method", "active", "eliminated", "columns", "direction", "patterns", "history", "macro"),
-        *("moments", "paired", "loads", "scaled", "fields"),
-    ]
-    times = one.times is other.times or np.array_equal(np.asarray(one.times), np.asarray(other.times))
-    return times and all(getattr(one, n) == getattr(other, n) for n in names)
 
 
 def _compared(

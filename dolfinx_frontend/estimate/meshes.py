@@ -67,6 +67,9 @@ LOST = 1e-5
 MATTERS = 0.2
 """Share of what the meshes may use from which on what is in no stress gets smaller cells."""
 
+WORTH_IT = 1.2
+"""Unknowns of the next meshes over those before, below which a budget ends the search."""
+
 STEPS = 12
 
 MOST_UNKNOWNS = 400_000
@@ -324,23 +327,28 @@ class _Meshes(Judged):
         unseen |= set(self._of_chords() if len(self.steps) == 1 else [])
         means = [n for n in self.scene.interfaces if f"interface {n!r}" in large]
         parts = problem.parts
+        first = 0
         for milder in (1.0, 0.5, 0.25):  # what the budget leaves
             step = fall**milder
-            found = finer(self.scene, problem, self.meshes, self.cells, step, self.edges, unseen, means)
+            most = self.max_unknowns
+            found = finer(self.scene, problem, self.meshes, self.cells, step, self.edges, unseen, means, most)
             size = int(sum(each.size * found.growth.get(name, 1.0) for name, each in parts.items()))
-            if size <= self.max_unknowns or not found.specs:
+            size = max(size, int(found.too_large))
+            first = first or size
+            if size <= most:
                 break
         for name, why in found.stuck.items():
             note = f"part {name!r} keeps its mesh: {why}"
             if note not in self.notes:
                 self.notes.append(note)
-        if not found.specs:
+        if not found.specs and not found.too_large:
             self.notes.append("no part can get a finer mesh")
             return None
-        if size > self.max_unknowns:
+        # what is left of a budget may change little
+        if size > self.max_unknowns or (milder < 1.0 and size < WORTH_IT * problem.size):
             self.notes.append(
                 f"the budget of {self.max_unknowns} unknowns ends it: the next meshes would have about "
-                f"{size}; give max_unknowns="
+                f"{first}; give max_unknowns="
             )
             return None
         if self.max_seconds is not None:

@@ -10,12 +10,13 @@ no degree of freedom: what connects them is an interface of the scene.
 :func:`read_msh`       the same from a file
 :func:`read_step`      the solids of a STEP file, and where they touch
 :func:`remeshable`     a function that can mesh its part again with other sizes
+:func:`remeshable_model`  one that makes several parts whose meshes match
 =====================  ===========================================================================
 
 Lengths are in the unit of the coordinates.
 """
 
-from dolfinx_frontend.geometry.finer import remeshable
+from dolfinx_frontend.geometry.finer import remeshable, remeshable_model
 from dolfinx_frontend.geometry.gmsh import from_gmsh, read_msh
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.primitives import box
@@ -42,4 +43,5 @@ __all__ = [
     "read_msh",
     "read_step",
     "remeshable",
+    "remeshable_model",
 ]

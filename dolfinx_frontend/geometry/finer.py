@@ -6,7 +6,8 @@ ones on the parabolas of the mesh that was given.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import basix
@@ -22,7 +23,17 @@ from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_me
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.geometry.sizes import SizeField
 
-__all__ = ["SIMPLICES", "bisected", "cell_sizes", "halved", "remeshable", "size_field"]
+__all__ = [
+    "SIMPLICES",
+    "Model",
+    "OfModel",
+    "bisected",
+    "cell_sizes",
+    "halved",
+    "remeshable",
+    "remeshable_model",
+    "size_field",
+]
 
 SIMPLICES = ("triangle", "tetrahedron")
 
@@ -40,6 +51,56 @@ def remeshable(make: Callable[[SizeField | None], Part]) -> Part:
     part = make(None)
     check_kind("remeshable", "what make(None) returned", part, Part, "return a Part")
     return Part(part.mesh, part.facet_tags, part.names, make)
+
+
+class Model:
+    """Parts that one function makes together, so that their meshes match where they touch.
+
+    Parameters
+    ----------
+    make
+        See :func:`remeshable_model`.
+    """
+
+    def __init__(self, make: Callable[[Mapping[str, SizeField] | None], Mapping[str, Part]]) -> None:
+        self._make = make
+
+    def parts(self, sizes: Mapping[str, SizeField] | None) -> dict[str, Part]:
+        """The parts with other sizes; None: with their own."""
+        made = self._make(sizes)
+        check_kind("remeshable_model", "what make returned", made, Mapping, "return {name: Part}")
+        for name, part in made.items():
+            check_kind("remeshable_model", f"part {name!r} of what make returned", part, Part, "return Parts")
+        return {n: Part(p.mesh, p.facet_tags, p.names, OfModel(self, n)) for n, p in made.items()}
+
+
+@dataclass(frozen=True)
+class OfModel:
+    """How a part of a model is meshed again: with all of it."""
+
+    model: Model
+    name: str
+
+    def __call__(self, sizes: SizeField | None) -> Part:
+        """The part alone, which need not match the others any more."""
+        return self.model.parts(None if sizes is None else {self.name: sizes})[self.name]
+
+
+def remeshable_model(
+    make: Callable[[Mapping[str, SizeField] | None], Mapping[str, Part]],
+) -> dict[str, Part]:
+    """Parts of one model, which ``solve(scene, accuracy=...)`` meshes again all at once: meshes that match go
+    on matching.
+
+    Parameters
+    ----------
+    make
+        Takes a :class:`SizeField` for each part by its name (or for some of them), or None for its own mesh;
+        returns the parts, with the same names and faces each time. Within a session of gmsh
+        ``SizeField.joined(sizes.values()).set(gmsh)`` sets the sizes.
+    """
+    checked_callable("remeshable_model", "make", make, "give a function of {part: SizeField}, or of None")
+    return Model(make).parts(None)
 
 
 def cell_sizes(mesh: dmesh.Mesh) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +10,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 
 __all__ = ["SizeField"]
+
+SAME = 1e-9
+"""Distance of vertices at one place, relative to the extent of all."""
 
 _KINDS = {(2, 3): "ST", (2, 4): "SQ", (3, 4): "SS", (3, 8): "SH"}
 """(dimension, corners of a cell) -> what gmsh calls a list of such cells with numbers at their corners."""
@@ -48,6 +53,24 @@ class SizeField:
         """Sizes (n,) at points (n, d): those of the nearest vertices."""
         _, near = cKDTree(self.x).query(np.atleast_2d(np.asarray(x, dtype=np.float64))[:, : self.x.shape[1]])
         return np.asarray(self.sizes[near], dtype=np.float64)
+
+    @classmethod
+    def joined(cls, fields: Iterable[SizeField]) -> SizeField:
+        """One field of those of parts with cells of one kind; where these meet, the smaller size holds."""
+        every = list(fields)
+        if not every or len({each.cells.shape[1] for each in every}) > 1:
+            raise SceneError("SizeField.joined: give the fields of one or more parts with cells of one kind")
+        x = np.concatenate([each.x for each in every])
+        begin = np.cumsum([0, *(len(each.x) for each in every)])
+        cells = np.concatenate([each.cells + b for each, b in zip(every, begin, strict=False)])
+        sizes = np.concatenate([each.sizes for each in every])
+        # vertices of meshes that match are at one place up to rounding
+        near = cKDTree(x).query_pairs(SAME * float(np.ptp(x, axis=0).max()), output_type="ndarray")
+        if len(near):
+            least = np.minimum(sizes[near[:, 0]], sizes[near[:, 1]])
+            for side in (0, 1):
+                np.minimum.at(sizes, near[:, side], least)
+        return cls(x, cells, sizes)
 
     def set(self, gmsh: Any, *others: int) -> None:
         """Make it the sizes of the current model of gmsh, instead of those that it has from points.

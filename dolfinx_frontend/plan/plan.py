@@ -215,6 +215,15 @@ class Plan:
         """Columns that are the time steps of one history."""
         return len(self.times) if self.history == "steps" and self.times is not None else 1
 
+    def shares_factors(self, other: Plan) -> bool:
+        """Whether both keep the same interfaces and load the parts alike: one factorisation serves both."""
+        names = [
+            *("method", "active", "eliminated", "direction", "patterns", "history", "macro", "moments"),
+            *("paired", "loads", "scaled", "fields"),
+        ]
+        times = self.times is other.times or np.array_equal(np.asarray(self.times), np.asarray(other.times))
+        return times and all(getattr(self, n) == getattr(other, n) for n in names)
+
     def factors(self) -> npt.NDArray[np.float64]:
         """Factor of every load pattern at every time, (l, T); (1, 1) without a history."""
         times = [0.0] if self.times is None else self.times

@@ -67,6 +67,7 @@ __all__ = [
     "Prepared",
     "TruncationWarning",
     "carry_on",
+    "chaos_on",
     "fields_of_parts",
     "galerkin",
     "planned",
@@ -728,6 +729,34 @@ def _warn_of_truncation(result: ChaosResult) -> None:
         "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without "
         "chaos quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
         TruncationWarning,
+    )
+
+
+def chaos_on(
+    result: Result,
+    chaos: Chaos,
+    method: Method = "auto",
+    *,
+    times: npt.ArrayLike | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    progress: bool = True,
+) -> ChaosResult | None:
+    """A chaos on the factors of the answer at its means, from which it starts; None: it needs others."""
+    problem = result.problem
+    wanted = planned(problem, chaos, method, times, result.plan.active, direction, options)
+    if wanted.plan.options.backend == "multigrid" or not wanted.plan.shares_factors(result.plan):
+        return None
+    steps = wanted.plan.amplitudes.shape[1]
+    if result.state.data.shape[1] != steps:
+        return None
+    start = []
+    for block in (result.state.data, result.state.traces):
+        wider = np.zeros((len(block), len(wanted.basis) * steps), order="F")
+        wider[:, :steps] = block
+        start.append(wider)
+    return _run(
+        problem, wanted, result.solver, [State(*start)], progress=progress, estimator=result.estimator
     )
 
 

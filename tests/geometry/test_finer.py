@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
+from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.compat import cell_nodes
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry import SizeField, box, from_gmsh, gmsh_session, remeshable
-from dolfinx_frontend.geometry.finer import bisected, cell_sizes, halved, size_field
+from dolfinx_frontend.geometry import (
+    SizeField,
+    box,
+    from_gmsh,
+    gmsh_session,
+    remeshable,
+    remeshable_model,
+)
+from dolfinx_frontend.geometry.finer import OfModel, bisected, cell_sizes, halved, size_field
 from dolfinx_frontend.geometry.parts import Part
 from tests.helpers import DIMENSION, block
 
@@ -114,3 +124,64 @@ def test_a_size_field_tells_sizes_at_points() -> None:
     field = size_field(part.mesh, np.full(part.num_cells, 0.3))
     assert field(np.array([[0.2, 0.7], [2.0, 0.0]])) == pytest.approx([0.3, 0.3])
     assert "0.3" in repr(field)
+
+
+def two_bars(sizes: Mapping[str, SizeField] | None) -> dict[str, Part]:
+    """Two rectangles of one model, which share the nodes of an edge."""
+    with gmsh_session() as gmsh:
+        occ = gmsh.model.occ
+        both = [(2, occ.addRectangle(x, 0, 0, 1, 1)) for x in (0, 1)]
+        _, pieces = occ.fragment(both[:1], both[1:])
+        occ.synchronize()
+        for name, piece in zip(("left", "right"), pieces, strict=True):
+            gmsh.model.addPhysicalGroup(2, [tag for _, tag in piece], name=name)
+            for _, edge in gmsh.model.getBoundary(piece, oriented=False):
+                x0, _, _, x1, _, _ = gmsh.model.getBoundingBox(1, edge)
+                if abs(x0 - 1.0) < 1e-3 and abs(x1 - 1.0) < 1e-3:
+                    gmsh.model.addPhysicalGroup(1, [edge], name=f"{name}:middle")
+        if sizes is None:
+            gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        else:
+            SizeField.joined(sizes.values()).set(gmsh)
+        gmsh.model.mesh.generate(2)
+        return dict(from_gmsh(gmsh.model, gdim=2).parts)
+
+
+def test_parts_of_one_model_are_meshed_together() -> None:
+    parts = remeshable_model(two_bars)
+    fields = {
+        name: size_field(part.mesh, cell_sizes(part.mesh) * (0.25 if name == "left" else 1.0))
+        for name, part in parts.items()
+    }
+    again = parts["left"].again
+    assert isinstance(again, OfModel) and parts["right"].again is not None
+    finer = again.model.parts(fields)
+    assert finer["left"].num_cells > 6 * parts["left"].num_cells
+    assert finer["left"].num_cells > 2 * finer["right"].num_cells
+    # the smaller size holds where they meet, and their nodes are the same ones
+    ends = []
+    for part in finer.values():
+        facets = part.facets("middle")
+        nodes = np.unique(dmesh.entities_to_geometry(part.mesh, 1, facets))
+        ends.append(np.sort(part.mesh.geometry.x[nodes][:, 1]))
+    assert len(ends[0]) > 6 and np.allclose(ends[0], ends[1], atol=1e-12)
+    assert finer["left"].again.model is again.model  # type: ignore[union-attr]
+
+
+def test_fields_of_parts_are_joined() -> None:
+    one = SizeField(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 2]]), np.full(3, 0.5))
+    other = SizeField(np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]), np.array([[0, 1, 2]]), np.full(3, 0.2))
+    both = SizeField.joined([one, other])
+    assert both(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])) == pytest.approx(
+        [0.5, 0.2, 0.2, 0.2]
+    )
+    squares = SizeField(one.x, np.array([[0, 1, 2, 2]]), one.sizes)
+    with pytest.raises(SceneError, match="cells of one kind"):
+        SizeField.joined([one, squares])
+
+
+def test_what_a_model_must_return() -> None:
+    with pytest.raises(SceneError, match="remeshable_model"):
+        remeshable_model(lambda sizes: [])  # type: ignore[arg-type,return-value]
+    with pytest.raises(SceneError, match="part 'a'"):
+        remeshable_model(lambda sizes: {"a": 1})  # type: ignore[dict-item,arg-type]
