@@ -231,13 +231,13 @@ def _assemble(
     )
     loads = {}
     with agreement(comm):
-        for name, each in scene.loads.items():
-            if each.part not in spread:
-                loads[name] = part_load(each, substructures.get(each.part))
-    for name, each in scene.loads.items():
-        if each.part in spread:
-            whole = spread[each.part].condensed
-            loads[name] = spread_load(each, whole, substructures.get(each.part))
+        for name, load in scene.loads.items():
+            if load.part not in spread:
+                loads[name] = part_load(load, substructures.get(load.part))
+    for name, load in scene.loads.items():
+        if load.part in spread:
+            whole = spread[load.part].condensed
+            loads[name] = spread_load(load, whole, substructures.get(load.part))
     loads = {name: loads[name] for name in scene.loads}
     if scene.densities is not None:
         inertia = Relief(substructures, _densities(scene), parts, comm)

@@ -73,9 +73,9 @@ def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
     Collective.
     """
     out, across, problem = {}, np.inf, result.problem
-    own = [name for name in result.plan.active if problem.interfaces[name].law.unilateral]
+    unilateral = [name for name in result.plan.active if problem.interfaces[name].law.unilateral]
     with agreement(problem.comm):
-        forces = {name: np.asarray(result.force(name)) for name in own if problem.speaks_for(name)}
+        forces = {name: np.asarray(result.force(name)) for name in unilateral if problem.speaks_for(name)}
     for name, force in problem.gather(forces).items():
         interface = problem.interfaces[name]
         normal = force.reshape(-1, *force.shape[-2:])[-1][:, 0]
