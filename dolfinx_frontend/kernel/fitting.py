@@ -551,7 +551,7 @@ def _with_springs(solver: Solver, parameters: Sequence[SweptParameter]) -> Solve
     problem, plan, old = solver.problem, solver.plan, solver.space
     assert old is not None
     space = _begun(problem, plan, old.bodies.described, _floors(problem, parameters))
-    known = np.zeros((old.bodies.size, 0), order="F")
+    known: Array = np.zeros((old.bodies.size, 0), order="F")
     for piece, fields in zip(old.bodies.pieces, old.fields, strict=True):
         block = np.zeros((old.bodies.size, fields.shape[1]), order="F")
         block[piece.own] = fields

@@ -209,7 +209,7 @@ def _by_multigrid(
     problem: Problem, names: Sequence[str], rows: int, options: Options, way: Way, steps: int
 ) -> Price:
     """As :func:`price`, with ``backend="multigrid"``."""
-    bodies = list(bodies_of(problem.own, names))
+    bodies = list(bodies_of(problem.own, tuple(names)))
     sizes = _sizes(problem, bodies)
     columns = _OF_POINTS if way.points else max(way.modes, 1) * steps
     each = _CYCLES_OF_POINTS if way.points else _CYCLES if names else _CYCLES_OF_ONE
