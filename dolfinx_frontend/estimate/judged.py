@@ -100,6 +100,9 @@ ACTS = 2.0
 LESS = 0.8
 """Share of what the meshes leave of the accuracy that is asked of points."""
 
+ITERATED, OF_ITERATION = 1e-6, 10.0
+"""Error of an iteration beside which a value may be none, and how many times the error it may be then."""
+
 LOST_STEPS, LOST_IN = 3, 0.01
 """Meshes after which a value is given up that is below this share of its largest, and below its error."""
 
@@ -178,6 +181,9 @@ class Judged:
             result = self._at(problem, None, method, options, settings)
         if not self.steps:
             self.quantity, notes = beside_what_acts(result, self.quantity)
+            if not notes and 0.0 < result.error < ITERATED:
+                why = "is within the error of the iteration"
+                self.quantity, notes = beside_what_acts(result, self.quantity, OF_ITERATION * result.error, why)
             self.notes += notes
         found = self._measured(result)
         self.result = result

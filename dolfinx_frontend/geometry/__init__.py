@@ -4,14 +4,14 @@ Every part is a mesh of its own on ``MPI.COMM_SELF``, because a substructure bel
 Parts that touch have coinciding nodes on the faces they share (unless asked otherwise), but share
 no degree of freedom: what connects them is an interface of the scene.
 
-=====================  ===========================================================================
-:func:`box`            one block in two or three dimensions
-:func:`from_gmsh`      any gmsh model with physical groups
-:func:`read_msh`       the same from a file
-:func:`read_step`      the solids of a STEP file, and where they touch
-:func:`remeshable`     a function that can mesh its part again with other sizes
+========================  =========================================================================
+:func:`box`               one block in two or three dimensions
+:func:`from_gmsh`         any gmsh model with physical groups
+:func:`read_msh`          the same from a file
+:func:`read_step`         the solids of a STEP file, and where they touch
+:func:`remeshable`        a function that can mesh its part again with other sizes
 :func:`remeshable_model`  one that makes several parts whose meshes match
-=====================  ===========================================================================
+========================  =========================================================================
 
 Lengths are in the unit of the coordinates.
 """

@@ -85,7 +85,7 @@ class Layout(NamedTuple):
                         state[first : first + count] = block
             if whole:
                 out[kind] = state
-        if "column" in arrays and "part" in arrays:
+        if _is_one(arrays.get("column"), "iu") and _is_one(arrays.get("part"), "U"):
             part = str(arrays["part"])
             at = next((k for k, body in enumerate(self.bodies) if part in body), -1)
             out["worst"] = np.array([int(arrays["column"]) if at >= 0 else -1, at], dtype=np.int64)
@@ -181,6 +181,10 @@ class PartsCheckpoint:
         """Release the file."""
         if self._file is not None:
             self._file.close()
+
+
+def _is_one(value: npt.NDArray[Any] | None, kinds: str) -> bool:
+    return value is not None and value.shape == () and value.dtype.kind in kinds
 
 
 def _of_state(name: str) -> bool:

@@ -282,8 +282,8 @@ def lower_level(problem: Problem, unknowns: int) -> LowerLevel:
 
     The linear shape functions and all unknowns of thin cells; parts with no others are solved by aggregation.
     """
-    parts = problem.substructures.values()
-    if any(int(part.space.element.basix_element.degree) < 2 for part in parts):
+    parts = [part for part in problem.substructures.values() if part.space is not None]
+    if not parts or any(int(part.space.element.basix_element.degree) < 2 for part in parts):
         return LowerLevel(0.0, 0.0)
     share = unknowns / max(sum(part.size for part in parts), 1)
     linear = entries = thin = 0.0

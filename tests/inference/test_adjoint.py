@@ -106,7 +106,7 @@ def test_both_ways_agree(made: Callable[[], ProblemFunction]) -> None:
     assert one.way == "direct" and other.way == "adjoint" and other.residual < 1e-9
     size = np.maximum(np.abs(function(x)), np.abs(one.values * x).max(axis=1))[:, None]
     # with friction the direct way leaves what differences of curved laws leave
-    assert one.residual < 2e-7
+    assert one.residual < 3e-7
     assert np.all(np.abs(one.values - other.values) * np.abs(x) <= (1e-8 + one.residual) * size)
 
 
