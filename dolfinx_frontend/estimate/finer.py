@@ -290,8 +290,8 @@ def _meshed_together(
     unseen: Collection[str],
     made: dict[str, tuple[SubstructureSpec, str]],
 ) -> None:
-    """All parts of models meshed again, put into `made`; those that get a higher degree keep their sizes, but for
-    what their shape needs. Collective: a model is meshed on every rank that has parts of it."""
+    """All parts of models meshed again, put into `made`; those that get a higher degree keep their sizes, but
+    for what their shape needs. Collective: a model is meshed on every rank that has parts of it."""
     fields: dict[str, tuple[str, list[SizeField]]] = {}
     here = [name for name in models if name in problem.own.substructures]
     with agreement(problem.comm):

@@ -183,7 +183,8 @@ class Judged:
             self.quantity, notes = beside_what_acts(result, self.quantity)
             if not notes and 0.0 < result.error < ITERATED:
                 why = "is within the error of the iteration"
-                self.quantity, notes = beside_what_acts(result, self.quantity, OF_ITERATION * result.error, why)
+                below = OF_ITERATION * result.error
+                self.quantity, notes = beside_what_acts(result, self.quantity, below, why)
             self.notes += notes
         found = self._measured(result)
         self.result = result

@@ -80,7 +80,12 @@ def test_no_round_where_errors_are_too_large() -> None:
 
 
 def test_a_joint_takes_fewer_solves() -> None:
-    """A coefficient of variation of 3 % takes 1800 solves without polynomials."""
-    found = lf.reliability(joints(LESS_RARE), lf.Response.opening("joint") > 0.0, cov=0.03, seed=1)
-    assert found.probability.low <= exact(LESS_RARE) <= found.probability.high
-    assert found.cov <= 0.03 and found.runs < 1800 and "polynomials say where the limit is" in found.why
+    """A coefficient of variation of 3 % takes 1800 solves without polynomials. Whether these are believed hangs
+    on the points, but mostly they are."""
+    runs, said = [], 0
+    for seed in range(1, 6):
+        found = lf.reliability(joints(LESS_RARE), lf.Response.opening("joint") > 0.0, cov=0.03, seed=seed)
+        assert found.probability.low <= exact(LESS_RARE) <= found.probability.high and found.cov <= 0.03
+        said += "polynomials say where the limit is" in found.why
+        runs.append(found.runs)
+    assert np.median(runs) < 1200 and said >= 3

@@ -1,4 +1,4 @@
-"""Answers of scenes of many parts, printed as digests: run by test_threads with different numbers of threads."""
+"""Answers of scenes of many parts, printed as digests: run by test_threads on several numbers of threads."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def main() -> None:
 
     soft = lf.UserLaw(force=rubber, values={"stiffness": 1e3})
     result = lf.solve(stack(soft), options=quiet, progress=False)
-    assert asked == {threading.get_ident()}, "a function of the user is called on the thread of the call alone"
+    assert asked == {threading.get_ident()}, "a function of the user is called on the thread of the call"
     print("law", result.status, digest(result.displacements.values()))
 
 

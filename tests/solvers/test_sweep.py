@@ -464,7 +464,9 @@ def edited(path, number, change):
         file.execute("update point set arrays = ? where number = ?", (seal + body, number))
 
 
-@pytest.mark.parametrize("name", ["iterations", "status", "column", "force:layer", "data:layer:0", "output:total"])
+@pytest.mark.parametrize(
+    "name", ["iterations", "status", "column", "force:layer", "data:layer:0", "output:total"]
+)
 @pytest.mark.parametrize("how", ["removed", "renamed", "another kind", "another shape"])
 def test_edited_points_are_refused(problem, tmp_path, name, how):
     """A seal that is right does not tell that all is there."""
