@@ -80,8 +80,7 @@ def test_no_round_where_errors_are_too_large() -> None:
 
 
 def test_a_joint_takes_fewer_solves() -> None:
-    """A coefficient of variation of 3 % takes 1800 solves without polynomials. Whether these are believed hangs
-    on the points, but mostly they are."""
+    """A coefficient of variation of 3 % takes 1800 solves without polynomials, which are mostly believed."""
     runs, said = [], 0
     for seed in range(1, 6):
         found = lf.reliability(joints(LESS_RARE), lf.Response.opening("joint") > 0.0, cov=0.03, seed=seed)

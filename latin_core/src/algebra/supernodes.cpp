@@ -66,17 +66,15 @@ class LeftLooking {
       static_cast<void>(eliminate_tree(all, 0));
       return;
     }
-    const SerialAlgebra one;  // its own threads would wait between its calls, and take time from these
+    const SerialAlgebra
+        one;  // its own threads would wait between its calls, and take time from these
     const Forest forest = divide(threads);
     std::vector<std::size_t> order(forest.trees.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
     std::vector<std::vector<std::size_t>> left(order.size());
-    side_by_side(
-        order,
-        [&](std::size_t tree) {
-          left[tree] =
-              eliminate_tree(forest.trees[tree], static_cast<Int>(tree) + 1, forest.of.data());
-        });
+    side_by_side(order, [&](std::size_t tree) {
+      left[tree] = eliminate_tree(forest.trees[tree], static_cast<Int>(tree) + 1, forest.of.data());
+    });
     // those above: each is updated in stripes of its rows, so that no two threads write to one number
     std::vector<std::vector<std::size_t>> waiting(factor_.count);
     for (const std::vector<std::size_t>& each : left) {
@@ -345,13 +343,11 @@ class LeftLooking {
     cuts.back() = rows;
     std::vector<std::size_t> order(stripes);
     std::iota(order.rbegin(), order.rend(), std::size_t{0});
-    side_by_side(
-        order,
-        [&](std::size_t k) {
-          if (cuts[k] < cuts[k + 1]) {
-            work(cuts[k], cuts[k + 1]);
-          }
-        });
+    side_by_side(order, [&](std::size_t k) {
+      if (cuts[k] < cuts[k + 1]) {
+        work(cuts[k], cuts[k + 1]);
+      }
+    });
   }
 
   /// As eliminate(), panel by panel.
