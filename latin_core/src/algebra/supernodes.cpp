@@ -330,7 +330,7 @@ class LeftLooking {
   /// Call `work` of ranges of the rows of a trapezoid, whose triangle is at the top, on all threads.
   template <class OfRows>
   static void in_stripes(Offset rows, Offset columns, int threads, const OfRows& work) {
-    const auto stripes = static_cast<std::size_t>(4 * threads);
+    const auto stripes = 4 * static_cast<std::size_t>(threads);
     const auto wide = static_cast<double>(columns);
     const double all = wide * (static_cast<double>(rows) - 0.5 * wide);
     std::vector<Offset> cuts(stripes + 1, 0);
