@@ -7,17 +7,15 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
-import numpy.typing as npt
 from latin_core import (
     Iteration,
     Laws,
     NumericalError,
     Options,
     State,
-    Summary,
     SweepPoints,
     SweptParameter,
 )
@@ -29,7 +27,7 @@ from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.solver import Solver, locked
+from dolfinx_frontend.kernel.solver import OfWalk, Solver, locked
 from dolfinx_frontend.kernel.spread import PointRanks
 from dolfinx_frontend.kernel.subspace import Answer, Bodies, Subspace
 from dolfinx_frontend.plan.plan import Plan
@@ -473,14 +471,8 @@ def walked(
     options: Options,
     *,
     checkpoint: str | Path | None = None,
-    header: dict[str, Any] | None = None,
-    progress: Callable[[int, Summary], None] | None = None,
-    callback: Callable[[Iteration], None] | None = None,
-    keep_states: bool = False,
-    keep_fields: bool = True,
-    outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None = None,
-    start: Mapping[int, State] | None = None,
     ranks: PointRanks | None = None,
+    **more: Unpack[OfWalk],
 ) -> tuple[Solver, SweepPoints]:
     """Solve at many points, see :meth:`Solver.walk`; and the solver that knows the answers.
 
@@ -494,34 +486,26 @@ def walked(
     NumericalError
         The cycles of multigrid do not converge.
     """
-    more: dict[str, Any] = {
-        "checkpoint": checkpoint,
-        "header": header,
-        "progress": progress,
-        "callback": callback,
-        "keep_states": keep_states,
-        "keep_fields": keep_fields,
-        "outputs": outputs,
-        "start": start,
-    }
     if solver.space is None:
-        walk = solver.walk(solver.laws, amplitudes, parameters, order, options, ranks=ranks, **more)
-        return solver, walk
+        points = solver.walk(
+            solver.laws, amplitudes, parameters, order, options, checkpoint=checkpoint, ranks=ranks, **more
+        )
+        return solver, points
     if ranks is not None:
         raise SceneError(
             "backend 'multigrid' with points_comm: points that are spread over ranks need a factor of the "
             "parts, backend='cholmod'; leave points_comm out"
         )
     half = options.with_(rtol=(1.0 - SHARE) * options.rtol)
-    own = _Walk(amplitudes, parameters, half, SHARE * options.rtol, callback)
-    return _walked_in_basis(solver, own, order, more)
+    own = _Walk(amplitudes, parameters, half, SHARE * options.rtol, more.get("callback"))
+    return _walked_in_basis(solver, own, order, checkpoint, more)
 
 
 @alone
 def _walked_in_basis(
-    solver: Solver, own: _Walk, order: Sequence[int], more: Mapping[str, Any]
+    solver: Solver, own: _Walk, order: Sequence[int], checkpoint: str | Path | None, more: OfWalk
 ) -> tuple[Solver, SweepPoints]:
-    """As :func:`walked`, by a solver with a basis; `more` are further arguments of :meth:`Solver.walk`."""
+    """As :func:`walked`, by a solver with a basis."""
     parameters = own.parameters
     assert solver.space is not None
     if _softer(solver.space, parameters) > ALIKE:
@@ -532,7 +516,15 @@ def _walked_in_basis(
         check = own.check(solver, scatter, under)
         left = [p for p in order if points is None or points.iterations[p] < 0] if whole else []
         points = solver.walk(
-            solver.laws, own.amplitudes, parameters, left, own.options, before=points, check=check, **more
+            solver.laws,
+            own.amplitudes,
+            parameters,
+            left,
+            own.options,
+            checkpoint=checkpoint,
+            before=points,
+            check=check,
+            **more,
         )
         missed = list(points.missed)
         still = [p for p in left if points.iterations[p] < 0]

@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -42,9 +42,21 @@ from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, one_answer
 from dolfinx_frontend.kernel.subspace import Answer, Subspace
 from dolfinx_frontend.plan.plan import Plan
 
-__all__ = ["Solver", "locked"]
+__all__ = ["OfWalk", "Solver", "locked"]
 
 _log = logging.getLogger(__name__)
+
+
+class OfWalk(TypedDict, total=False):
+    """What a walk over points may be told beside them; all of it as :func:`latin_core.sweep` takes it."""
+
+    header: dict[str, Any] | None
+    progress: Callable[[int, Summary], None] | None
+    callback: Callable[[Iteration], None] | None
+    keep_states: bool
+    keep_fields: bool
+    outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None
+    start: Mapping[int, State] | None
 
 
 class Solver:
@@ -206,26 +218,24 @@ class Solver:
         options: Options,
         *,
         checkpoint: str | Path | None = None,
-        header: dict[str, Any] | None = None,
-        progress: Callable[[int, Summary], None] | None = None,
-        callback: Callable[[Iteration], None] | None = None,
-        keep_states: bool = False,
-        keep_fields: bool = True,
-        outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None = None,
-        start: Mapping[int, State] | None = None,
         ranks: PointRanks | None = None,
         before: SweepPoints | None = None,
         check: Callable[[Sequence[Solved]], Sequence[float]] | None = None,
+        **more: Unpack[OfWalk],
     ) -> SweepPoints:
         """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept.
 
         Parameters
         ----------
+        checkpoint
+            File of finished points.
         ranks
             That solve the points together, each on a solver of its own.
         before, check
             Points that an earlier walk has left, and what says whether points are good enough to be kept:
             then the arrays are not locked yet.
+        more
+            See :class:`OfWalk`.
         """
         if self.problem.comm is None:
             self.problem.check_unchanged()
@@ -233,7 +243,8 @@ class Solver:
         file: Any = None
         with agreed_over(ranks):
             if checkpoint is not None and (ranks is None or ranks.first):
-                file = PartsCheckpoint(self.problem.comm, checkpoint, header or {}, self._layout())
+                header = more.get("header") or {}
+                file = PartsCheckpoint(self.problem.comm, checkpoint, header, self._layout())
         with one_answer(ranks):
             points = kernel_sweep(
                 self._core,
@@ -244,16 +255,10 @@ class Solver:
                 [name for name in self.plan.active if name in own],
                 options,
                 file,
-                header,
-                progress,
-                callback,
-                keep_states,
-                keep_fields,
-                outputs,
-                start,
-                None if ranks is None else ranks.shares,
-                before,
-                check,
+                shares=None if ranks is None else ranks.shares,
+                before=before,
+                check=check,
+                **more,
             )
         self._over_ranks(points)
         return points if check is not None else locked(points)

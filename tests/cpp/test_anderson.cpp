@@ -49,6 +49,19 @@ TEST(LeastSquares, LeavesOutDirectionsThatSayNothingNew) {
   EXPECT_LT(fit.remainder, 1e-6);
 }
 
+TEST(LeastSquares, LeavesOutSnapshotsThatAreTheSame) {
+  // one is another to rounding or altogether: unit columns of these would be anything
+  Matrix directions = random(5, 5, 1);
+  directions.col(3) *= 1e-16;
+  directions.col(4).setZero();
+  const Vector right = directions.col(0) * 2.0 - directions.col(1);
+  const auto fit = least_squares(directions.transpose() * directions,
+                                 directions.transpose() * right, right.norm());
+  EXPECT_EQ(fit.gamma.tail(2), Vector::Zero(2));
+  EXPECT_LT((directions * fit.gamma - right).norm(), 1e-10);
+  EXPECT_EQ(least_squares(Matrix::Zero(1, 1), Vector::Zero(1), 1.0).remainder, 1.0);
+}
+
 TEST(LeastSquares, HasNothingToSayOfNothing) {
   EXPECT_EQ(least_squares(Matrix(0, 0), Vector(0), 1.0).remainder, 1.0);
   EXPECT_EQ(least_squares(Matrix::Identity(2, 2), Vector::Zero(2), 0.0).gamma, Vector::Zero(2));

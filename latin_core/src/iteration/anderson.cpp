@@ -3,7 +3,6 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -14,6 +13,8 @@ namespace {
 
 /// Blocks are cut into pieces of this many numbers, which sums depend on: however many threads there are.
 constexpr Index piece_size = 32768;
+/// Differences shorter than this, relative to the residual that they are to explain, are rounding.
+constexpr double shortest_difference = 1e-14;
 
 /// Call `work(first, count)` of the pieces of a long vector, each of whose numbers is one of `depth` side by side.
 template <class Work>
@@ -32,9 +33,13 @@ Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
   if (projection.size() == 0 || norm == 0.0) {
     return fit;
   }
-  // unit columns, then drop directions that are noise
-  Vector scale = gram.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
-  scale = scale.cwiseInverse();
+  // unit columns but those that are noise (snapshots alike to rounding), then drop directions that are noise
+  const Vector lengths = gram.diagonal().cwiseMax(0.0).cwiseSqrt();
+  const Vector scale =
+      (lengths.array() > shortest_difference * norm).select(lengths.cwiseInverse(), 0.0);
+  if (scale.isZero(0.0)) {
+    return fit;
+  }
   const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram * scale.asDiagonal());
   const Vector& values = eigen.eigenvalues();
   const double smallest = 1e-13 * values.tail(1)(0);

@@ -314,6 +314,7 @@ Measured Run::verify(Measured measured, bool believed) {
       verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
   next_check_ = fall_between_checks * measured.residual;
   if (!found) {
+    verification_->forget_rounding();  // it was that of a state far from an answer
     // tangents of bodies whose stiffness varies are those of the means, and may lead nowhere
     if (believed && (goes_on || !stages_.laws().scales_anywhere())) {
       const Matrix& away = verification_->distance();

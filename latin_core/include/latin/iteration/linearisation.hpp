@@ -66,6 +66,7 @@ class Linearisation {
                          ConstMatrixRef amplitudes, const Whole& whole);
   /// What is known of it: empty if nothing is.
   [[nodiscard]] const Matrix& known_rounding() const { return rounding_; }
+  void forget_rounding() { rounding_.resize(0, 0); }
   /// The condensed structure, null before tangents were first taken.
   [[nodiscard]] std::shared_ptr<const substructure::Joined> joined() const {
     return tangents_.empty() ? nullptr : tangents_.front()->shared_joined();

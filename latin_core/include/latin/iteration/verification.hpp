@@ -66,6 +66,8 @@ class Verification {
   [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
                                            const Whole& whole, double rtol,
                                            bool at_most_once = false);
+  /// What rounding leaves was measured of a state that is no answer: measure it again.
+  void forget_rounding() { linear_->forget_rounding(); }
   /// Look for the answer itself, by steps of the same kind with the bodies held back (pseudo-transient
   /// continuation, C. T. Kelley and D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508): what is left to try where an
   /// iteration got stuck.
