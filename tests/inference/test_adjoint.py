@@ -10,7 +10,7 @@ import pytest
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import ProblemFunction, Response
-from dolfinx_frontend.inference.system import System
+from dolfinx_frontend.inference.system import REACH, System
 from tests.inference.joints import RARE, D, K, joints
 from tests.inference.test_function import (
     STEP,
@@ -27,11 +27,26 @@ from tests.inference.test_function import (
 Array = npt.NDArray[np.float64]
 
 
+EPS = float(np.finfo(float).eps)
+
+
 @pytest.fixture(autouse=True)
-def solved_well(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Linear systems to 1e-10, so that the two ways differ by their own errors only."""
+def amplified(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Linear systems to 1e-10, so that the two ways differ by their own errors; and how many times larger
+    than its right-hand side the answer of each system is."""
     monkeypatch.setattr(System, "near", 1e-10)
     monkeypatch.setattr(System, "idle", 64)
+    found: list[float] = []
+    solve = System.solve
+
+    def noted(self: System, right: Array, widths: Array | None = None) -> tuple[Array, float]:
+        answer, residual = solve(self, right, widths)
+        sizes = self.sets(right)
+        found.extend(self.sets(answer)[sizes > 0.0] / sizes[sizes > 0.0])
+        return answer, residual
+
+    monkeypatch.setattr(System, "solve", noted)
+    return found
 
 
 def gaps() -> ProblemFunction:
@@ -97,16 +112,19 @@ def debonding() -> ProblemFunction:
     "made",
     [friction, history, heat_and_moduli, field, scores, gaps, moduli, unsymmetric, debonding],
 )
-def test_both_ways_agree(made: Callable[[], ProblemFunction]) -> None:
+def test_both_ways_agree(made: Callable[[], ProblemFunction], amplified: list[float]) -> None:
+    """What the two may differ by is the residual of the direct way: a difference over REACH of laws that are
+    known to EPS leaves EPS / REACH of its answer."""
     function = made()
     x = function.nominal
     x = np.where(x == 0.0, np.resize([0.3, -0.2, 0.5], len(x)), x)
     function(x)
-    one, other = function.derivatives(x, way="direct"), function.derivatives(x, way="adjoint")
+    one = function.derivatives(x, way="direct")
+    rounding = EPS / REACH * max(amplified)
+    other = function.derivatives(x, way="adjoint")
     assert one.way == "direct" and other.way == "adjoint" and other.residual < 1e-9
     size = np.maximum(np.abs(function(x)), np.abs(one.values * x).max(axis=1))[:, None]
-    # with friction the direct way leaves what differences of curved laws leave
-    assert one.residual < 3e-7
+    assert one.residual <= 1e-10 + 4.0 * rounding
     assert np.all(np.abs(one.values - other.values) * np.abs(x) <= (1e-8 + one.residual) * size)
 
 
