@@ -201,7 +201,8 @@ def sampled_round(
     solves
         About how many.
     otherwise
-        Coefficient of variation that as many solves would give without polynomials.
+        Coefficient of variation of that many solves with which rounds like this need as many solves in all as
+        samples without polynomials.
     """
     u = density.draw(rng, POOL)
     weights = np.exp(-density.ratio(u))

@@ -215,23 +215,25 @@ class _Samples:
             there = self.limit.margins(u)
             return there, self._happens(there)
 
-        solves = FEWEST_SOLVED
+        solves, goal = FEWEST_SOLVED, SURE * self.cov
         while len(self._rounds) < MOST_ROUNDS and self.limit.points + solves < allowed:
             plain = _surely(self.weights) * self._plain
-            otherwise = plain * math.sqrt(self.count / (self.count + solves))
+            missing = self.count * ((plain / goal) ** 2 - 1.0)  # samples, without polynomials
+            # as many solves in such rounds reach the goal, whatever the samples so far are worth
+            otherwise = goal * math.sqrt(max(missing, 0.0) / solves)
             one = sampled_round(predictor, self.stages[-1], ask, rng, solves, otherwise)
             if one is None:
                 break
             self._rounds.append(one)
             self._combine()
-            if self.spread <= SURE * self.cov:
+            if self.spread <= goal:
                 return True
             known = np.concatenate([known, one.solved])
             conditions = np.concatenate([conditions, one.margins])
             predictor = Predictor.fitted(self.points, known, conditions) or predictor
             spent = sum(len(each.solved) for each in self._rounds)
-            more = max(spent * ((self.spread / (SURE * self.cov)) ** 2 - 1.0), FEWEST_SOLVED)
-            if more > self.count * ((plain / (SURE * self.cov)) ** 2 - 1.0):
+            more = max(spent * ((self.spread / goal) ** 2 - 1.0), FEWEST_SOLVED)
+            if more > missing:
                 break  # as many samples without polynomials do
             solves = int(min(more, 4.0 * solves))
         self._given_up = bool(self._rounds)
