@@ -393,7 +393,7 @@ def test_interfaces_below_the_rounding_are_named(space: Any) -> None:
 # -- fuzzing -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "count"), [("step", 12), ("msh", 24)])
+@pytest.mark.parametrize(("kind", "count"), [("step", 5), ("msh", 8)])
 def test_damaged_files(kind: str, count: int, tmp_path: Path) -> None:
     """A few of those of ``./run bench fuzz_geometry``."""
     sound = fuzz.make(kind, tmp_path)

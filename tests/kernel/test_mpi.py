@@ -39,10 +39,16 @@ def launch(ranks: int, program: str, *arguments: str) -> subprocess.CompletedPro
     )
 
 
+def holds(ranks: int, said: str | tuple[str, ...], program: str, *arguments: str) -> None:
+    """A program ends well and every rank of it says so."""
+    run = launch(ranks, program, *arguments)
+    assert run.returncode == 0, run.stdout + run.stderr
+    for each in (said,) if isinstance(said, str) else said:
+        assert run.stdout.count(each) == ranks, each
+
+
 def test_bars_over_three_ranks_have_the_digits_of_one_and_fail_together() -> None:
-    run = launch(3, "mpi_kernel.py")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("same on rank") == run.stdout.count("failed together on rank") == 3
+    holds(3, ("same on rank", "failed together on rank"), "mpi_kernel.py")
 
 
 def test_blocks_over_two_ranks_have_the_digits_of_one() -> None:
@@ -51,22 +57,10 @@ def test_blocks_over_two_ranks_have_the_digits_of_one() -> None:
     assert run.stdout.count("same on rank") == 2 * 3
 
 
-def test_sweeps_samples_and_chaos_over_two_ranks_have_the_digits_of_one() -> None:
-    run = launch(2, "mpi_chain.py", "columns")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("same columns on rank") == 2
-
-
-def test_one_rank_stops_all_and_all_write_one_set_of_files() -> None:
-    run = launch(2, "mpi_chain.py", "stop")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("stopped on rank") == 2
-
-
-def test_a_mistake_that_one_rank_sees_is_raised_on_all() -> None:
-    run = launch(2, "mpi_chain.py", "refuse")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("refused on rank") == 2
+def test_columns_of_two_ranks_have_the_digits_of_one_and_what_stops_one_stops_all() -> None:
+    """Sweeps, samples and chaos; all write one set of files; a mistake that one rank sees is raised on all."""
+    said = tuple(f"{what} on rank" for what in ("same columns", "stopped", "refused"))
+    holds(2, said, "mpi_chain.py", "columns", "stop", "refuse")
 
 
 def test_an_error_that_is_not_caught_ends_all_ranks_with_its_message() -> None:
@@ -76,65 +70,42 @@ def test_an_error_that_is_not_caught_ends_all_ranks_with_its_message() -> None:
 
 
 def test_quantities_of_one_rank_are_known_to_all() -> None:
-    run = launch(2, "mpi_quantity.py")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("same answer on rank") == run.stdout.count("failed together on rank") == 2
+    holds(2, ("same answer on rank", "failed together on rank"), "mpi_quantity.py")
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_random_scenes_over_ranks_have_the_answers_of_one(ranks: int) -> None:
-    run = launch(ranks, "mpi_random.py", "0", "14")
+@pytest.mark.parametrize(("ranks", "first"), [(2, 0), (3, 7)])
+def test_random_scenes_over_ranks_have_the_answers_of_one(ranks: int, first: int) -> None:
+    run = launch(ranks, "mpi_random.py", str(first), str(first + 7))
     assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("same scene") == 14
+    assert run.stdout.count("same scene") == 7
 
 
-def test_calls_and_arguments_that_differ_between_ranks_are_raised_on_all() -> None:
-    run = launch(2, "mpi_agree.py", "differ")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("agreed on rank") == 2
-
-
-def test_what_one_rank_is_refused_is_raised_on_all() -> None:
-    run = launch(2, "mpi_agree.py", "refused")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("agreed on rank") == 2
+def test_what_differs_or_is_refused_on_one_rank_is_raised_on_all_and_estimates_are_checked() -> None:
+    calls = "differ", "refused", "check"
+    holds(2, tuple(f"{call}: agreed on rank" for call in calls), "mpi_agree.py", *calls)
 
 
 def test_ranks_without_parts_are_quiet() -> None:
     run = launch(3, "mpi_agree.py", "idle")
     assert run.returncode == 0, run.stderr
-    assert run.stdout.count("agreed on rank") == 3
+    assert run.stdout.count("idle: agreed on rank") == 3
     assert "On entry to" not in run.stdout + run.stderr, "BLAS complains of empty blocks"
 
 
-def test_estimates_are_checked_over_ranks() -> None:
-    run = launch(2, "mpi_agree.py", "check")
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("agreed on rank") == 2
-
-
 def test_parts_that_meet_on_several_ranks_have_the_traces_of_one() -> None:
-    run = launch(2, "mpi_meet.py")
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("as on one") == 2
+    holds(2, "as on one", "mpi_meet.py")
 
 
 def test_coarse_problem_newton_and_matrix_directions_are_those_of_one_rank() -> None:
-    run = launch(3, "mpi_reach.py")
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("all reached") == 3
+    holds(3, "all reached", "mpi_reach.py")
 
 
 def test_points_side_by_side_and_derivatives_are_those_of_one_rank() -> None:
-    run = launch(2, "mpi_together.py")
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("same derivatives") == 2
+    holds(2, "same derivatives", "mpi_together.py")
 
 
 def test_results_and_chaos_files_of_ranks_are_those_of_one(tmp_path: Path) -> None:
-    run = launch(3, "mpi_files.py", "write", str(tmp_path))
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("written") == 3
+    holds(3, "written", "mpi_files.py", "write", str(tmp_path))
 
 
 @pytest.mark.parametrize("how", ["raise", "kill"])
@@ -144,9 +115,7 @@ def test_checkpoints_survive_a_rank_that_ends(how: str, tmp_path: Path) -> None:
         assert ended.returncode == 0 and ended.stdout.count("raised") == 2, ended.stdout + ended.stderr
     else:
         assert ended.returncode != 0 and "signal 9" in (ended.stdout + ended.stderr).lower()
-    run = launch(2, "mpi_files.py", "resume", str(tmp_path))
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("resumed") == 2
+    holds(2, "resumed", "mpi_files.py", "resume", str(tmp_path))
 
 
 def test_checkpoints_go_on_with_any_number_of_ranks(tmp_path: Path) -> None:
@@ -157,46 +126,33 @@ def test_checkpoints_go_on_with_any_number_of_ranks(tmp_path: Path) -> None:
 
 
 def test_stiffnesses_of_parts_vary_over_ranks() -> None:
-    run = launch(2, "mpi_stiffness.py")
-    assert run.returncode == 0, run.stdout + run.stderr
-    for what in ("random parts", "swept parts", "heat", "errors"):
-        assert run.stdout.count(f"same {what} on rank") == 2
+    what = "random parts", "swept parts", "heat", "errors"
+    holds(2, tuple(f"same {each} on rank" for each in what), "mpi_stiffness.py")
 
 
 def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
-    run = launch(2, "mpi_gather.py", str(tmp_path))
-    assert run.returncode == 0, run.stdout + run.stderr
-    for what in ("folder", "proof", "function", "sheet", "support"):
-        assert run.stdout.count(f"same {what} on rank") == 2
+    what = "folder", "proof", "function", "sheet", "support"
+    holds(2, tuple(f"same {each} on rank" for each in what), "mpi_gather.py", str(tmp_path))
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
 @pytest.mark.parametrize(
-    ("call", "said"), [("columns", ("same part", "same columns")), ("inside", ("same inside", "refused"))]
+    ("ranks", "call", "said"),
+    [(2, "inside", ("same inside", "refused")), (3, "columns", ("same part", "same columns"))],
 )
 def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int, call: str, said: tuple[str, ...]) -> None:
-    run = launch(ranks, "mpi_spread.py", call)
-    assert run.returncode == 0, run.stdout + run.stderr
-    for what in said:
-        assert run.stdout.count(f"{what} on rank") == ranks
+    holds(ranks, tuple(f"{what} on rank" for what in said), "mpi_spread.py", call)
 
 
-@pytest.mark.parametrize(("ranks", "what"), [(2, "meshes"), (3, "meshes"), (2, "laws"), (3, "laws")])
-def test_meshes_follow_the_question_over_ranks_as_on_one(ranks: int, what: str) -> None:
-    run = launch(ranks, "mpi_meshes.py", "laws" if what == "laws" else "same")
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count(f"same {what} on rank") == ranks
+@pytest.mark.parametrize(("ranks", "call", "what"), [(3, "same", "meshes"), (2, "laws", "laws")])
+def test_meshes_follow_the_question_over_ranks_as_on_one(ranks: int, call: str, what: str) -> None:
+    holds(ranks, f"same {what} on rank", "mpi_meshes.py", call)
 
 
 def test_meshes_of_random_scenes_over_ranks() -> None:
-    run = launch(2, "mpi_meshes.py", "random")
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("same scatter on rank") == 2
+    holds(2, "same scatter on rank", "mpi_meshes.py", "random")
 
 
 def test_a_rank_that_cannot_mesh_its_part_again_ends_all() -> None:
-    run = launch(2, "mpi_meshes.py", "fail")
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("failed together on rank") == 2
+    holds(2, "failed together on rank", "mpi_meshes.py", "fail")
     run = launch(2, "mpi_meshes.py", "kill")
     assert run.returncode != 0 and "signal 9" in (run.stdout + run.stderr).lower()
