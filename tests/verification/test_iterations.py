@@ -123,7 +123,7 @@ def true_error(problem: Problem, result: Result, reference: ReferenceSolution) -
     return max(strain, float(np.sqrt(above / below)))
 
 
-@pytest.mark.parametrize("factor, rtol", [(1.0, 1e-2), (2.0, 1e-2), (2.0, 1e-3), (5.0, 1e-2)])
+@pytest.mark.parametrize("factor, rtol", [(2.0, 1e-3), (5.0, 1e-2)])
 def test_estimate_of_the_plain_iteration(vessel, vessel_reference, factor, rtol):
     options = Options.plain(rtol=rtol, stagnation_window=5000)
     result = solve(vessel, "latin", direction=factor, options=options)
@@ -154,8 +154,8 @@ FACTORS = [0.1, 1.0, 10.0]
 """Of the default search direction, E/L for contacts."""
 
 
-def within(problem: Problem, limit: int, factors: Sequence[float] = FACTORS, **settings: Any) -> None:
-    """At most `limit` iterations to a true error of 1e-5 that is not above the estimate."""
+def within(problem: Problem, limit: int, factors: Sequence[float] = FACTORS, **settings: Any) -> Result:
+    """At most `limit` iterations to a true error of 1e-5 that is not above the estimate; the exact solution."""
     exact = solve(problem, options=Options(rtol=1e-11, max_iterations=1000), **settings)
     assert exact.converged
     for factor in factors:
@@ -166,6 +166,7 @@ def within(problem: Problem, limit: int, factors: Sequence[float] = FACTORS, **s
         error = energy_difference(problem, result, exact)
         assert result.converged and result.iterations <= limit, (factor, result.iterations)
         assert error < min(1e-5, 3.0 * result.error), (factor, error, result.error)
+    return exact
 
 
 @pytest.mark.parametrize("friction, limit", [(None, 60), (0.1, 80), (0.3, 80)])
@@ -179,21 +180,12 @@ def test_iterations_of_the_vessel_in_true_contact(friction: float | None, limit:
     within(assemble(scene), limit, times=times)
 
 
-def lap_joint_with_a_cycle() -> Problem:
-    lap = scenes.demo("bolted_lap_joint")
-    return assemble(lap.build_scene(lap_joint("coarse"), lap.CYCLE * (lap.REACH, 0.0, 0.0)))
-
-
-@pytest.mark.parametrize("factor", [0.1, 1.0])
-def test_iterations_of_the_lap_joint_over_its_history(factor: float) -> None:
-    within(lap_joint_with_a_cycle(), 80, [factor], times=np.linspace(1.0, 6.0, 21))
-
-
-def test_the_lap_joint_finds_a_better_direction_than_ten_times_too_stiff() -> None:
-    problem, times = lap_joint_with_a_cycle(), np.linspace(1.0, 6.0, 21)
-    exact = solve(problem, times=times, options=Options(rtol=1e-11, max_iterations=1000))
+def test_the_lap_joint_over_its_history_also_in_a_direction_that_is_ten_times_too_stiff() -> None:
+    lap, times = scenes.demo("bolted_lap_joint"), np.linspace(1.0, 6.0, 21)
+    problem = assemble(lap.build_scene(lap_joint("coarse"), lap.CYCLE * (lap.REACH, 0.0, 0.0)))
+    exact = within(problem, 80, [0.1, 1.0], times=times)
     result = solve(problem, times=times, options=Options(rtol=1e-5), direction=Direction(factor=30.0))
-    assert exact.converged and result.converged
+    assert result.converged
     assert energy_difference(problem, result, exact) < 1e-5
 
 
