@@ -21,14 +21,13 @@ if worker := os.environ.get("PYTEST_XDIST_WORKER"):
     os.environ["TMPDIR"] = str(own)
     tempfile.tempdir = None
 
-# What takes longest begins first, so that no worker is left with it at the end; of pages and demos each is given
-# to a worker by itself.
+# What takes longest begins first, so that no worker is left with it at the end; pages and demos one by one.
 LONG = (
     "project/test_install.py",
     "kernel/test_mpi.py",
-    "kernel/test_mpi_points.py",
     "project/test_demos.py",
     "project/test_docs.py",
+    "kernel/test_mpi_points.py",
     "geometry/test_step.py",
     "verification/test_iterations.py",
     "geometry/test_away.py",

@@ -58,7 +58,7 @@ def test_blocks_over_two_ranks_have_the_digits_of_one() -> None:
 
 
 def test_columns_of_two_ranks_have_the_digits_of_one_and_what_stops_one_stops_all() -> None:
-    """Sweeps, samples and chaos; all write one set of files; a mistake that one rank sees is raised on all."""
+    """Sweeps, samples and chaos; one set of files; a mistake that one rank sees is raised on all."""
     said = tuple(f"{what} on rank" for what in ("same columns", "stopped", "refused"))
     holds(2, said, "mpi_chain.py", "columns", "stop", "refuse")
 

@@ -155,7 +155,7 @@ FACTORS = [0.1, 1.0, 10.0]
 
 
 def within(problem: Problem, limit: int, factors: Sequence[float] = FACTORS, **settings: Any) -> Result:
-    """At most `limit` iterations to a true error of 1e-5 that is not above the estimate; the exact solution."""
+    """At most `limit` iterations to a true error of 1e-5, not above the estimate; the exact solution."""
     exact = solve(problem, options=Options(rtol=1e-11, max_iterations=1000), **settings)
     assert exact.converged
     for factor in factors:
