@@ -81,7 +81,7 @@ def test_no_round_where_errors_are_too_large() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 5])
 def test_a_joint_takes_fewer_solves(seed: int) -> None:
-    """To a coefficient of variation of 3 %: 1800 solves without polynomials. Those of 1 and 5 are believed late:
+    """To a coefficient of variation of 3 %: 1800 solves without polynomials. Seeds 1 and 5 believe them late:
     rounds with them are weighed against the samples that are missing."""
     found = lf.reliability(joints(LESS_RARE), lf.Response.opening("joint") > 0.0, cov=0.03, seed=seed)
     assert found.probability.low <= exact(LESS_RARE) <= found.probability.high and found.cov <= 0.03
