@@ -1,12 +1,12 @@
 """Two threads against one, and the kernel's numbers of a Cholesky factor against CHOLMOD's.
 
 ``./run bench threads --json FILE`` writes ``threads``, of each case a row for each number of ``threads``,
-each in a process of its own: ``busy_s``, processor time of the busiest thread, which on a quiet machine is that
-of the clock where it never waits for the others; ``process_s``, that of all; ``wall_s``; ``ratio`` and
+each in a process of its own: ``busy_s``, processor time of the busiest thread, which on a quiet machine is
+that of the clock where it never waits for the others; ``process_s``, that of all; ``wall_s``; ``ratio`` and
 ``wall_ratio`` of one thread to these; ``difference`` of the displacements, relative to the largest. Cases:
 
 * ``factor``: one cube of ``--cells``^3 linear hexahedra, held and pulled: order, factor and solution;
-* ``bodies``: assembly and solution of the chain of 16 cubes of ``scaling.py``, all joints kept;
+* ``bodies``: the chain of 16 cubes of ``scaling.py``, all joints kept, from the matrices of the parts on;
 * ``friction``: the chain of 64 cubes of ``many_parts.py`` whose every fourth joint rubs;
 * ``flange``: ``demos/flange_from_step.py`` with cells of ``--size`` mm, all steps of its tightening.
 
@@ -64,10 +64,10 @@ def factor(given: argparse.Namespace) -> Call:
 
 
 def bodies(given: argparse.Namespace) -> Call:
-    """Parts side by side, from their meshes on."""
+    """Parts side by side."""
     joints = [f"joint{k}" for k in range(scaling.PARTS - 1)]
-    scene = scaling.chain(given.part_cells, False)
-    return lambda: solve(assemble(scene), active=joints, options=Options(rtol=1e-8), progress=False)
+    problem = assemble(scaling.chain(given.part_cells, False))
+    return lambda: solve(problem, active=joints, options=Options(rtol=1e-8), progress=False)
 
 
 def friction(_: argparse.Namespace) -> Call:

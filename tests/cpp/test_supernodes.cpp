@@ -66,7 +66,7 @@ class Analysis {
     latin::SparseColumns moved(lower.rows(), lower.cols());
     moved.selfadjointView<Eigen::Lower>() =
         lower.selfadjointView<Eigen::Lower>().twistedBy(order.transpose());
-    matrix_ = moved;
+    matrix_ = latin::SparseRows(moved);  // sorts the rows of every column
     common_.nmethods = 1;
     common_.method[0].ordering = CHOLMOD_NATURAL;
     common_.postorder = 0;
@@ -78,7 +78,7 @@ class Analysis {
   Analysis& operator=(Analysis&&) = delete;
 
   struct Found {
-    Matrix factor;            ///< L, dense; empty if there is none
+    Matrix factor;             ///< L, dense; empty if there is none
     std::int64_t failed = -1;  ///< column of the pivot that was not positive
   };
 
@@ -190,10 +190,12 @@ TEST(Supernodes, AreThoseOfCholmod) {
         EXPECT_LT(apart(own.factor, library.factor, analysis.matrix()), rounding)
             << n << " " << decades << " " << threads;
         const Matrix product = own.factor * own.factor.transpose();
-        const Matrix whole = Matrix(analysis.matrix().selfadjointView<Eigen::Lower>());
+        const Matrix lower(analysis.matrix());
+        const Matrix whole = lower.selfadjointView<Eigen::Lower>();
         const Vector roots = whole.diagonal().cwiseSqrt().cwiseInverse();
-        EXPECT_LT((roots.asDiagonal() * (product - whole) * roots.asDiagonal()).cwiseAbs().maxCoeff(),
-                  rounding);
+        EXPECT_LT(
+            (roots.asDiagonal() * (product - whole) * roots.asDiagonal()).cwiseAbs().maxCoeff(),
+            rounding);
       }
     }
   }
