@@ -88,7 +88,7 @@ def linear(problem: Problem) -> Problem:
     return problem.with_laws(laws)
 
 
-def one(method: str, size: float, rtol: float, exact_up_to: float) -> dict[str, Any]:
+def one(method: str, size: float, options: Options, exact_up_to: float) -> dict[str, Any]:
     """One line."""
     problem = flange(size)
     record: dict[str, Any] = {"method": method, "unknowns": problem.size, "parts": len(problem.substructures)}
@@ -96,7 +96,6 @@ def one(method: str, size: float, rtol: float, exact_up_to: float) -> dict[str, 
         return record | spent(solution(linear(problem), method))[1]
 
     def call() -> Any:
-        options = Options(rtol=rtol, max_iterations=1000)
         result = solve(problem, times=np.array(TIMES), options=options, progress=False)
         return result, result.displacements
 
@@ -105,7 +104,7 @@ def one(method: str, size: float, rtol: float, exact_up_to: float) -> dict[str, 
     record |= {"setup_s": result.seconds["setup"], "spent": result.spent()}
     record["active_unknowns"] = result.solver.active_unknowns
     if problem.size <= exact_up_to:
-        exact = result.tightened(1e-3 * rtol)
+        exact = result.tightened(1e-3 * options.rtol)
         record |= {"reference_status": exact.status, "reference_error": exact.error}
         record["true_error"] = reference.energy_difference(problem, result, exact)
     return record
@@ -117,17 +116,20 @@ def main() -> None:
     parser.add_argument("--unknowns", type=float, default=100_000, help="about so many")
     parser.add_argument("--memory", type=float, default=14.0, help="GB that a direct solver may need")
     parser.add_argument("--rtol", type=float, default=RTOL, help="tolerance of the iteration")
+    parser.add_argument("--newton", type=int, default=1, help="0: without Newton's steps")
     parser.add_argument("--exact", type=float, default=150_000, help="unknowns up to which errors are known")
     parser.add_argument("--only", nargs="*", default=[*SOLVERS, "latin"], help="what is run")
     parser.add_argument("--one", metavar="METHOD", help="in this process, with --size")
     parser.add_argument("--size", type=float, help="of the cells of the flanges, mm, instead of --unknowns")
     given = parser.parse_args()
     if given.one:
-        print(json.dumps(one(given.one, given.size, given.rtol, given.exact), default=float))
+        options = Options(rtol=given.rtol, max_iterations=1000, newton=given.newton)
+        print(json.dumps(one(given.one, given.size, options, given.exact), default=float))
         return
     size = f"{given.size or size_for(given.unknowns):.4g}"
     record: dict[str, Any] = {"benchmark": "flange", "size": size, "commit": common.commit()}
     settings = {"--size": size, "--rtol": str(given.rtol), "--exact": str(given.exact)}
+    settings["--newton"] = str(given.newton)
     solvers = one_each(__file__, given.only, settings, given.unknowns, given.memory)
     record |= {"solvers": solvers} | of_unit(solvers)
     latin = solvers.get("latin", {})
