@@ -21,21 +21,16 @@ solver that is predicted to need more than ``--memory`` GB is left out, and the 
 from __future__ import annotations
 
 import json
-import resource
-import subprocess
-import sys
-from time import process_time
 from typing import Any
 
 import common
 import numpy as np
 import performance
-from performance import Memory, deterministic, vessel_problem
+from _units import SOLVERS, of_unit, one_each, solution, spent
+from performance import deterministic, vessel_problem
 
 from dolfinx_frontend import Chaos, Options, reference, solve, sweep
-from dolfinx_frontend.reference.multigrid import Aggregation
 
-SOLVERS = ("cholmod", "mumps", "gamg")
 RTOL = 4e-5
 CUBE = 1.02e7
 """Unknowns of the vessel times the cube of the size of its cells, mm^3."""
@@ -47,21 +42,8 @@ def one(method: str, size: float, rtol: float, backend: str) -> dict[str, Any]:
     record: dict[str, Any] = {"method": method, "unknowns": problem.size}
     chaos = Chaos(performance.ORDER, check_points=0)
     if method in SOLVERS:
-        fixed = deterministic(demo, problem)
-        [(body, only, load)] = reference.Monolithic(fixed).systems(fixed.laws())
-        only.eliminate_zeros()
-        for part in fixed.substructures.values():
-            part.__dict__.pop("matrix", None)  # a copy that is not needed any more
-        once = [only]
-        del only
-
-        def call() -> Any:
-            matrix = once.pop()
-            if method == "gamg":
-                return Aggregation(fixed, body, matrix).solve(load)
-            return reference.Cholesky(matrix, method).solve(load, refine=False)
-
-    elif method == "pce":
+        return record | spent(solution(deterministic(demo, problem), method))[1]
+    if method == "pce":
 
         def call() -> Any:
             options = Options(rtol=rtol, backend=backend)
@@ -76,14 +58,10 @@ def one(method: str, size: float, rtol: float, backend: str) -> dict[str, Any]:
             options = Options(rtol=performance.SWEEP_RTOL, backend=backend)
             return sweep(fixed, grid, options=options, progress=False, keep_states=True)
 
-    small = vessel_problem("coarse")[1]
-    reference.monolithic(small.with_laws({}))  # libraries are loaded
-    memory, began = Memory(), process_time()
-    found = common.timed(call, 1)
-    record |= {"seconds": process_time() - began, "wall_s": found.seconds, "peak_gb": 1e-9 * memory.peak()}
-    record["whole_peak_gb"] = 1e-6 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    answer, times = spent(call)
+    record |= times
     if method == "pce":
-        result, modes = found.value
+        result, modes = answer
         record |= {"error": result.error, "iterations": result.iterations, "spent": result.spent()}
         record["backend"] = result.plan.options.backend
         record["setup_s"] = result.seconds["setup"]
@@ -93,7 +71,7 @@ def one(method: str, size: float, rtol: float, backend: str) -> dict[str, Any]:
             exact = reference.ssfem(problem, chaos, rtol=1e-11)
             record["true_error"] = float(reference.energy_error(problem, modes, exact.coefficients))
     if method == "sweep":
-        result = found.value
+        result = answer
         record |= {"error": float(result.error.max()), "iterations": int(result.points.iterations.sum())}
         record |= {"backend": result.plan.options.backend, "points": result.points.status.size}
         record["converged"] = bool(result.converged.all())
@@ -115,14 +93,6 @@ def one(method: str, size: float, rtol: float, backend: str) -> dict[str, Any]:
     return record
 
 
-def in_process(*arguments: str) -> dict[str, Any]:
-    """What this file says when it is run with these arguments; a record of its failure if it fails."""
-    run = subprocess.run([sys.executable, __file__, *arguments], stdout=subprocess.PIPE, text=True)
-    if run.returncode:
-        return {"method": arguments[1], "failed": f"ended with {run.returncode}"}
-    return dict(json.loads(run.stdout.splitlines()[-1]))
-
-
 def main() -> None:
     """Measure, print and write."""
     parser = common.parser("large", __doc__)
@@ -131,31 +101,22 @@ def main() -> None:
     parser.add_argument("--rtol", type=float, default=RTOL, help="tolerance of the chaos")
     parser.add_argument("--backend", default="automatic", help="of chaos and sweep")
     parser.add_argument("--only", nargs="*", default=[*SOLVERS, "pce", "sweep"], help="what is run")
-    parser.add_argument("--one", nargs=2, metavar=("METHOD", "SIZE"), help="in this process")
+    parser.add_argument("--one", metavar="METHOD", help="in this process, with --size")
+    parser.add_argument("--size", type=float, help="of the cells, mm")
     options = parser.parse_args()
     if options.one:
-        print(json.dumps(one(options.one[0], float(options.one[1]), options.rtol, options.backend)))
+        print(json.dumps(one(options.one, options.size, options.rtol, options.backend)))
         return
-    size = f"{(CUBE / options.unknowns) ** (1.0 / 3.0):.4g}"
-    predicted = 1.3 * 8e-9 * 15.0 * options.unknowns ** (4.0 / 3.0)
-    record: dict[str, Any] = {"benchmark": "large", "size": size, "commit": common.commit(), "solvers": {}}
-    for method in options.only:
-        if method in ("cholmod", "mumps") and predicted > options.memory:
-            found: dict[str, Any] = {"method": method, "failed": f"needs about {predicted:.3g} GB"}
-        else:
-            settings = ("--rtol", str(options.rtol), "--backend", options.backend)
-            found = in_process("--one", method, size, *settings)
-        record["solvers"][method] = found
-        print(json.dumps(found), flush=True)
-    done = {name: each for name, each in record["solvers"].items() if "seconds" in each}
-    units = {name: done[name]["seconds"] for name in SOLVERS if name in done}
-    if units:
-        record["unit_solver"] = min(units, key=lambda name: units[name])
-        record["unit_s"] = units[record["unit_solver"]]
+    size = f"{options.size or (CUBE / options.unknowns) ** (1.0 / 3.0):.4g}"
+    record: dict[str, Any] = {"benchmark": "large", "size": size, "commit": common.commit()}
+    settings = {"--size": size, "--rtol": str(options.rtol), "--backend": options.backend}
+    solvers = one_each(__file__, options.only, settings, options.unknowns, options.memory)
+    record |= {"solvers": solvers} | of_unit(solvers)
+    done = {name: each for name, each in solvers.items() if "seconds" in each}
     for name in ("pce", "sweep"):
         seconds = done[name]["seconds"] if name in done else None
         record[f"{name}_s"] = seconds
-        record[f"{name}_units"] = seconds / record["unit_s"] if units and seconds is not None else None
+        record[f"{name}_units"] = seconds / record["unit_s"] if "unit_s" in record and seconds else None
     if "pce" in done:
         pce = done["pce"]
         record |= {key: pce[key] for key in ("unknowns", "error", "true_error") if key in pce}

@@ -5,11 +5,8 @@
 #include <cstddef>
 #include <utility>
 
+#include "latin/algebra/lapack.hpp"
 #include "latin/common/threads.hpp"
-
-// LAPACK
-extern "C" void dgetrf_(const int* m, const int* n, double* a, const int* lda, int* pivots,
-                        int* info);
 
 namespace latin::algebra {
 namespace {

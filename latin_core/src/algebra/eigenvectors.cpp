@@ -3,10 +3,7 @@
 #include <cstddef>
 #include <vector>
 
-// LAPACK; hidden lengths of texts are not read for one letter
-extern "C" void dsyevd_(const char* jobz, const char* uplo, const int* n, double* a, const int* lda,
-                        double* w, double* work, const int* lwork, int* iwork, const int* liwork,
-                        int* info);
+#include "latin/algebra/lapack.hpp"
 
 namespace latin::algebra {
 

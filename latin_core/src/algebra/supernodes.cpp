@@ -7,18 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "latin/algebra/lapack.hpp"
 #include "latin/common/threads.hpp"
-
-// BLAS and LAPACK as Eigen declares them; hidden lengths of texts are not read for one letter
-extern "C" {
-int dgemm_(const char* transa, const char* transb, const int* m, const int* n, const int* k,
-           const double* alpha, const double* a, const int* lda, const double* b, const int* ldb,
-           const double* beta, double* c, const int* ldc);
-int dtrsm_(const char* side, const char* uplo, const char* transa, const char* diag, const int* m,
-           const int* n, const double* alpha, const double* a, const int* lda, double* b,
-           const int* ldb);
-int dpotrf_(const char* uplo, const int* n, double* a, const int* lda, int* info);
-}
 
 namespace latin::algebra {
 namespace {

@@ -16,16 +16,6 @@ constexpr Index piece_size = 32768;
 /// Differences shorter than this, relative to the residual that they are to explain, are rounding.
 constexpr double shortest_difference = 1e-14;
 
-/// Call `work(first, count)` of the pieces of a long vector, each of whose numbers is one of `depth` side by side.
-template <class Work>
-void in_pieces(Index size, Index depth, const Work& work) {
-  const auto pieces = static_cast<std::size_t>((size + piece_size - 1) / piece_size);
-  in_lanes(pieces, static_cast<double>(size * depth), [&](std::size_t piece) {
-    const Index first = piece_size * static_cast<Index>(piece);
-    work(first, std::min(piece_size, size - first));
-  });
-}
-
 }  // namespace
 
 Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
@@ -130,18 +120,19 @@ void Anderson::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef
   }
 }
 
-void Anderson::products_of(Index set, ConstMatrixRef residual, Matrix& products) const {
+const Matrix& Anderson::products_of(Index set, ConstMatrixRef residual) {
   const Index count = 1 + static_cast<Index>(fresh_.size());
-  products = Matrix::Zero(size_, count);
+  products_.setZero(size_, count);
   const Index size = rows_ * columns_;
   if (size_ == 0 || size == 0) {
-    return;
+    return products_;
   }
   // one row of sums after the other for every piece, which are added in their order
-  Matrix of_pieces = Matrix::Zero(size_ * count, (size + piece_size - 1) / piece_size);
-  in_pieces(size, size_ * count, [&](Index first, Index length) {
-    Eigen::Map<Matrix> sums(of_pieces.col(first / piece_size).data(), size_, count);
-    Vector weighted(std::min(rows_, length));
+  of_pieces_.setZero(size_ * count, (size + piece_size - 1) / piece_size);
+  weighted_.resize(size);
+  in_pieces(size, piece_size, size_ * count, [&](Index first, Index length) {
+    Eigen::Map<Matrix> sums(of_pieces_.col(first / piece_size).data(), size_, count);
+    auto weighted = weighted_.segment(first, length);
     // column by column, so that all products pass over the history once
     for (Index at = first; at < first + length;) {
       const Index row = at % rows_;
@@ -160,19 +151,19 @@ void Anderson::products_of(Index set, ConstMatrixRef residual, Matrix& products)
       at += rows;
     }
   });
-  for (const auto& of_piece : of_pieces.colwise()) {
-    products += of_piece.reshaped(size_, count);
+  for (const auto& of_piece : of_pieces_.colwise()) {
+    products_ += of_piece.reshaped(size_, count);
   }
+  return products_;
 }
 
 void Anderson::fit(ConstMatrixRef residual, std::span<double> shares) {
   // all that must be summed over ranks, in one message: the caller's, |r|^2, dR^T r, new rows of the Gram matrix
   std::vector<double> sums(shares.begin(), shares.end());
-  Matrix products;
   for (Index set = 0; set < sets_; ++set) {
     const auto of_set = residual.middleCols(set * columns_, columns_);
     sums.push_back(metric_.share_of_square(of_set));
-    products_of(set, of_set, products);
+    const Matrix& products = products_of(set, of_set);
     sums.insert(sums.end(), products.data(), products.data() + products.size());
   }
   metric_.sum(sums);
@@ -212,7 +203,7 @@ void Anderson::combine(const Matrix& common, const Matrix& own, Matrix& sum) con
   }
   Eigen::Map<Matrix> all(sum.data(), rows_ * columns_, sets_);
   if (sets_ == 1) {
-    in_pieces(all.rows(), gamma_.rows(), [&](Index first, Index length) {
+    in_pieces(all.rows(), piece_size, gamma_.rows(), [&](Index first, Index length) {
       all.col(0).segment(first, length).noalias() =
           common.block(first, 0, length, gamma_.rows()) * gamma_.col(0);
     });
@@ -246,7 +237,7 @@ void Anderson::step(ConstMatrixRef residual, double beta, const Preconditioner& 
                     MatrixRef step) {
   const Index used = gamma_.rows();
   for (Index set = 0; set < sets_ && rows_ > 0; ++set) {
-    in_pieces(work_.rows(), used, [&](Index first, Index length) {
+    in_pieces(work_.rows(), piece_size, used, [&](Index first, Index length) {
       work_.col(set).segment(first, length).noalias() =
           residual_.block(first, set * depth_, length, used) * gamma_.col(set);
     });

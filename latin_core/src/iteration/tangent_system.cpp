@@ -24,16 +24,6 @@ constexpr double correction_tolerance = 1e-2;
 /// Rows, or columns, of the flexibility that are taken together.
 constexpr Index piece_size = 128;
 
-/// Call `work(first, count)` of pieces of so many rows, each with `numbers` numbers.
-template <class Work>
-void in_pieces(Index size, Index numbers, const Work& work) {
-  const auto pieces = static_cast<std::size_t>((size + piece_size - 1) / piece_size);
-  in_lanes(pieces, static_cast<double>(size * numbers), [&](std::size_t piece) {
-    const Index first = piece_size * static_cast<Index>(piece);
-    work(first, std::min(piece_size, size - first));
-  });
-}
-
 }  // namespace
 
 TangentSystem::TangentSystem(const substructure::Flexibility& flexibility,
@@ -43,7 +33,7 @@ TangentSystem::TangentSystem(const substructure::Flexibility& flexibility,
 Vector TangentSystem::moved(ConstVectorRef y, ConstVectorRef a) const {
   Vector result = shift_.cwiseProduct(y);
   const Matrix& matrix = flexibility_.matrix();
-  in_pieces(result.size(), y.size(), [&](Index first, Index count) {
+  in_pieces(result.size(), piece_size, y.size(), [&](Index first, Index count) {
     result.segment(first, count).noalias() -= with_mu * (matrix.middleRows(first, count) * y);
   });
   if (a.size() > 0) {
@@ -180,7 +170,7 @@ void TangentSystem::factorise(const Matrix& tangent) {
     // V^T W E
     system.row(i).tail(count) = -areas(row) * jumps.row(row);
   };
-  in_pieces(closed, 2 * closed, [&](Index begin, Index length) {
+  in_pieces(closed, piece_size, 2 * closed, [&](Index begin, Index length) {
     for (Index i = begin; i < begin + length; ++i) {
       fill(i);
     }

@@ -100,7 +100,8 @@ void Flexibility::add_bodies() {
     const Vector robin = part.body->weights().cwiseProduct(part.body->directions());
     find_modes(part, trace.transpose() * SparseRows(robin.asDiagonal() * trace));
   }
-  in_lanes(parts_.size(), numbers, [&](std::size_t piece) { add_matrix(parts_[piece]); });
+  std::mutex adding;
+  in_lanes(parts_.size(), numbers, [&](std::size_t piece) { add_matrix(parts_[piece], adding); });
 }
 
 /// The factor of a part.
@@ -193,7 +194,7 @@ void Flexibility::find_modes(Part& part, const SparseRows& springs) {
       ((inverse.cwiseInverse().array() - mu) / ((1.0 + mu) * (1.0 + mu))).max(floating);
 }
 
-void Flexibility::add_matrix(const Part& part) {
+void Flexibility::add_matrix(const Part& part, std::mutex& adding) {
   // Y = L^-1 T^T E without the modes, so that the flexibility is Y^T Y W
   const SparseRows& trace = part.body->active_traces();
   std::vector<Index> position(static_cast<std::size_t>(unknowns()), -1);
@@ -220,7 +221,6 @@ void Flexibility::add_matrix(const Part& part) {
   Matrix product = Matrix::Zero(y.cols(), y.cols());
   product.selfadjointView<Eigen::Lower>().rankUpdate(y.transpose());
   // two bodies at most have a share in an entry: their order does not matter
-  static std::mutex adding;
   const std::scoped_lock lock(adding);
   for (Index column = 0; column < product.cols(); ++column) {
     const Index to = touched[static_cast<std::size_t>(column)];

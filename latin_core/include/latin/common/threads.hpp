@@ -1,11 +1,13 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <deque>
 #include <functional>
 #include <vector>
 
 #include "latin/common/communicator.hpp"
+#include "latin/common/types.hpp"
 
 namespace latin {
 
@@ -89,6 +91,17 @@ void in_lanes(std::size_t count, double numbers, const Work& work) {
         (*static_cast<Call*>(called))(piece);
       },
       &call);
+}
+
+/// Call `work(first, count)` of pieces of `piece` rows of `size`, the last one smaller, side by side as in_lanes() does.
+/// @param depth numbers of a row
+template <class Work>
+void in_pieces(Index size, Index piece, Index depth, const Work& work) {
+  const auto pieces = static_cast<std::size_t>((size + piece - 1) / piece);
+  in_lanes(pieces, static_cast<double>(size * depth), [&](std::size_t number) {
+    const Index first = piece * static_cast<Index>(number);
+    work(first, std::min(piece, size - first));
+  });
 }
 
 }  // namespace latin

@@ -85,7 +85,7 @@ class Anderson {
   /// Make room for a difference and put its residual there. @return its slot
   Index take_slot(ConstMatrixRef residual);
   /// (size, 1 + fresh): dR^T W/k times the residual and the fresh differences, of this rank
-  void products_of(Index set, ConstMatrixRef residual, Matrix& products) const;
+  const Matrix& products_of(Index set, ConstMatrixRef residual);
   [[nodiscard]] const Matrix& predicted_data() const;
   void combine(const Matrix& common, const Matrix& own, Matrix& sum) const;
 
@@ -105,7 +105,10 @@ class Anderson {
   std::vector<Matrix> gram_;  ///< dR^T W/k dR of every set, of the slots that a fit has seen
   std::vector<Index> fresh_;  ///< slots that it has not
   Matrix work_;               ///< (rows * c, sets)
-  Matrix gamma_;              ///< (size, sets) of the last fit
+  Matrix products_;           ///< products_of() the last set
+  Matrix of_pieces_;  ///< (size * (1 + fresh), pieces) their sums over the rows of each piece
+  Vector weighted_;   ///< (rows * c) a column, weighted, piece by piece
+  Matrix gamma_;      ///< (size, sets) of the last fit
   Vector remainders_;
   Vector norms_;
   mutable State error_;                    ///< predicted_error() of the last fit

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <mutex>
 #include <vector>
 
 #include "latin/common/types.hpp"
@@ -74,7 +75,8 @@ class Flexibility {
   void add_body(const Body& body, Index first_row);
   void gather();
   void find_modes(Part& part, const SparseRows& springs);
-  void add_matrix(const Part& part);
+  /// @param adding held while the matrix is added to
+  void add_matrix(const Part& part, std::mutex& adding);
   void find_own();
 
   const Structure& structure_;
