@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import Contact, Elastic, Options, Resultant
+from dolfinx_frontend.estimate.hinges import sides_of
 
 SAME = 1e-10
 
@@ -79,8 +80,25 @@ def supported() -> None:
     print(f"same reactions on rank {WORLD.rank}", flush=True)
 
 
+def opened() -> None:
+    """Which samples have an open contact, from where fits with kinks begin."""
+
+    def law(k: int) -> Any:
+        return Contact(gap=lf.Normal("g", 0.05, std=0.1)) if k == 2 else Elastic(20.0, 10.0)
+
+    scene = row(law, [100.0, 200.0, 300.0], (-2.0, 0.3))
+    settings: dict[str, Any] = {"seed": 1, "active": ["j1", "j2"], "options": Options(rtol=1e-10)}
+    found, exact = (
+        sides_of(lf.monte_carlo(p, 12, progress=False, **settings)) for p in both(scene)
+    )
+    assert len(found) == len(exact) == 3 and any(0 < each.sum() < 12 for each in exact), exact
+    assert all(np.array_equal(one, other) for one, other in zip(found, exact, strict=True))
+    print(f"same sides on rank {WORLD.rank}", flush=True)
+
+
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
     warnings.simplefilter("ignore")
     searched()
     supported()
+    opened()
