@@ -47,7 +47,7 @@ class Layout(NamedTuple):
     active: Sequence[str]
 
     def named(self, arrays: Mapping[str, npt.ArrayLike]) -> Arrays:
-        """Arrays of this rank by interface and side; states may be those of several points, (n, rows, columns)."""
+        """Arrays of this rank by interface and side; states are (rows, columns) or (n, rows, columns)."""
         out = {name: np.asarray(value) for name, value in arrays.items() if name not in (*_STATE, "worst")}
         if not any(kind in arrays for kind in _STATE):
             return out
@@ -177,12 +177,14 @@ class PartsCheckpoint:
                 return
             yield own[0], self._layout.own(own[1])
 
-    def _of_rank(self, number: int, arrays: Arrays, wanted: Mapping[str, tuple[int, int]]) -> tuple[int, Arrays]:
+    def _of_rank(
+        self, number: int, arrays: Arrays, wanted: Mapping[str, tuple[int, int]]
+    ) -> tuple[int, Arrays]:
         """What a rank needs of a point."""
         wrong = _wrong(arrays, wanted)
         if wrong:
             raise edited(self.path, number, wrong)
-        return number, {name: value for name, value in arrays.items() if name in wanted or not _of_state(name)}
+        return number, {n: value for n, value in arrays.items() if n in wanted or not _of_state(n)}
 
     def append(self, number: int, arrays: Mapping[str, npt.ArrayLike]) -> None:
         """Write what all ranks have of a point."""
