@@ -350,7 +350,7 @@ class ProblemFunction:
             [k for k in np.unique(spaced) if solved.status[k] == "converged"], dtype=np.int64
         )
         assert solved.states is not None  # asked for
-        pairs = [solved.states[k] for k in kept_ones]
+        states = solved.states[kept_ones]
         bodies = self.solver.bodies
         return Solved(
             x.copy(),
@@ -360,8 +360,8 @@ class ProblemFunction:
             np.array(solved.error, dtype=np.float64),
             np.array(solved.iterations, dtype=np.int64),
             kept_ones,
-            np.array([data for data, _ in pairs]),
-            np.array([traces for _, traces in pairs]),
+            states[:, 0],
+            states[:, 1],
         )
 
     def _starts(self, x: Array) -> list[_Known]:
