@@ -130,7 +130,6 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "columns",
         "multigrid",
         "subspace",
-        "rank_checkpoint",
         "parts_checkpoint",
         "fingerprint",
         "spread",

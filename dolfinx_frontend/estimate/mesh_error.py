@@ -33,7 +33,9 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.fitting import fitted
 from dolfinx_frontend.kernel.running import Interrupted
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.result import Result
@@ -511,9 +513,11 @@ class _Dual:
             base = {name: u[:, None] for name, u in result.displacements.items()}
         else:
             base = solver.displacements(laws, before, amplitudes)
-        changed = self._changed(laws, pattern, self.unit / (factor or 1.0))
-        after = self._run(changed, [before])
-        moved = solver.displacements(changed, after, amplitudes)
+        if solver.space is None:
+            changed = self._changed(laws, pattern, factor)
+            moved = solver.displacements(changed, self._run(changed, [before]), amplitudes)
+        else:
+            moved = self._in_own_basis()
         out = {}
         for name in result.problem.own.substructures:
             difference = moved[name][:, self.column] - base[name][:, self.column]
@@ -527,13 +531,32 @@ class _Dual:
             return state
         return self._run(laws, [] if state is None else [state])
 
-    def _run(self, laws: Laws, start: list[State]) -> State:
-        solver, options = self.result.solver, self.result.plan.options
+    def _in_own_basis(self) -> dict[str, Array]:
+        """Displacements with the change by multigrid: the basis of the result is not made for them."""
+        problem, plan = self.result.problem, self.result.plan
+        amplitudes = np.vstack([plan.amplitudes, np.full(plan.amplitudes.shape[1], self.unit)])
+
+        def applied(laws: Laws) -> Laws:
+            return laws.with_(parameters=self._jumps(laws))
+
+        solver, start = fitted(problem, plan, applied, amplitudes, amplitudes.shape[1], self.loads)
+        laws = applied(solver.laws)
+        return solver.displacements(laws, self._run(laws, start, solver, amplitudes), amplitudes)
+
+    def _run(
+        self,
+        laws: Laws,
+        start: list[State],
+        solver: Solver | None = None,
+        amplitudes: Array | None = None,
+    ) -> State:
+        solver, options = solver or self.result.solver, self.result.plan.options
+        amplitudes = self.result.plan.amplitudes if amplitudes is None else amplitudes
         if not _linear(self.result):
             options = options.with_(rtol=min(options.rtol, TANGENT_RTOL))
         warm = start if solver.total_rows else []
         for states in (warm, []) if warm else ([],):
-            summary, state = solver.run(laws, options, self.result.plan.amplitudes, states, progress=False)
+            summary, state = solver.run(laws, options, amplitudes, states, progress=False)
             if summary.status == "converged":
                 return state
             if summary.status == "interrupted":
@@ -545,16 +568,20 @@ class _Dual:
             "on a finer mesh tells the error of a quantity as well"
         )
 
-    def _changed(self, laws: Laws, pattern: int, amount: float) -> Laws:
-        """The laws with the change."""
+    def _changed(self, laws: Laws, pattern: int, factor: float) -> Laws:
+        """The laws with the change; loads act by a pattern, which has this factor at the time."""
         extra: dict[str, Array] = {}
         for name, load in self.loads.items():
             extra[name] = np.zeros((len(load), self.result.solver.loads), order="F")
-            extra[name][:, pattern] = amount * load
-        jumps = {
-            name: {"jump": laws.parameter(name, "jump") + amount * jump} for name, jump in self.jump.items()
+            extra[name][:, pattern] = self.unit / factor * load
+        return laws.with_(parameters=self._jumps(laws), extra_loads=extra)
+
+    def _jumps(self, laws: Laws) -> dict[str, dict[str, Array]]:
+        """Jumps with the change."""
+        return {
+            name: {"jump": laws.parameter(name, "jump") + self.unit * jump}
+            for name, jump in self.jump.items()
         }
-        return laws.with_(parameters=jumps, extra_loads=extra)
 
 
 def _linear(result: Result) -> bool:

@@ -146,7 +146,7 @@ class ProblemFunction:
         self.solves = 0
         self.seconds = 0.0
         self._known: OrderedDict[bytes, _Known] = OrderedDict()
-        size = 2 * 8 * max(self.solver.rows, 1) * plan.amplitudes.shape[1]
+        size = 2 * 8 * max(self.solver.total_rows, 1) * plan.amplitudes.shape[1]  # alike on all ranks
         self._kept = int(min(KEPT, max(4, KEPT_BYTES // size)))
         fields = 2 * sum(i.num_points * i.dim for i in inputs.problem.interfaces.values()) * 8
         self._batch = int(max(1, BYTES // (size + fields * plan.steps + 1)))
@@ -160,7 +160,7 @@ class ProblemFunction:
         if checkpoint is not None:
             with agreed_over(ranks):
                 if ranks is None or ranks.first:
-                    self._journal = Journal.of(checkpoint, inputs, quantities, plan)
+                    self._journal = Journal.of(checkpoint, inputs, quantities, self.solver)
             self._batch = min(self._batch, BATCH)
             settle(self.solver)
 
@@ -350,7 +350,7 @@ class ProblemFunction:
             [k for k in np.unique(spaced) if solved.status[k] == "converged"], dtype=np.int64
         )
         assert solved.states is not None  # asked for
-        pairs = [solved.states[k] for k in kept_ones]
+        states = solved.states[kept_ones]
         bodies = self.solver.bodies
         return Solved(
             x.copy(),
@@ -360,8 +360,8 @@ class ProblemFunction:
             np.array(solved.error, dtype=np.float64),
             np.array(solved.iterations, dtype=np.int64),
             kept_ones,
-            np.array([data for data, _ in pairs]),
-            np.array([traces for _, traces in pairs]),
+            states[:, 0],
+            states[:, 1],
         )
 
     def _starts(self, x: Array) -> list[_Known]:

@@ -8,13 +8,13 @@ file, down to the starts, and goes on with the same digits.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from latin_core import Checkpoint, CheckpointError
+from latin_core.checkpoint import CheckpointError, edited
 
 from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.common.arrays import Array
@@ -24,7 +24,6 @@ from dolfinx_frontend.inference.gradients import Derivatives
 from dolfinx_frontend.inference.system import laws_at_sets
 from dolfinx_frontend.inference.inputs import Inputs
 from dolfinx_frontend.kernel.fingerprint import Facts, fingerprint
-from dolfinx_frontend.kernel.rank_checkpoint import RankCheckpoint
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 
@@ -63,36 +62,52 @@ class Solved:
     traces: Array
 
 
+_BATCH = tuple(each.name for each in fields(Solved))
+_SLOPES = ("x", "slopes", "kinks", "places", "residual")
+_FORM = {"states": "by interface and side"}
+"""What files of earlier versions do not have."""
+
+
 class Journal:
     """Entries of a checkpoint file, those of an earlier run first.
 
-    With a communicator, over which the parts are spread, all ranks make all calls; each has the states of its
-    parts.
+    Where the parts are spread over ranks, all of them make all calls; each has the states of its parts. The
+    file has them by interface and side, and is that of any number of ranks.
+
+    Raises
+    ------
+    SceneError
+        The file is damaged, or of another function.
     """
 
-    def __init__(self, path: Path, facts: Facts, comm: Any = None) -> None:
-        self._file: Checkpoint | RankCheckpoint
+    def __init__(self, path: Path, facts: Facts, solver: Solver) -> None:
         try:
-            self._file = Checkpoint(path, facts) if comm is None else RankCheckpoint(comm, path, facts)
+            self._file = solver.checkpoint(path, facts)
+            self._batches: dict[bytes, Solved] = {}
+            self._slopes: dict[bytes, Derivatives] = {}
+            self._next = 0
+            for number, arrays in self._file:
+                self._next = max(self._next, number + 1)
+                names = _SLOPES if "slopes" in arrays else _BATCH
+                with self._file.agreement():
+                    lacking = [name for name in names if name not in arrays]
+                    if lacking:
+                        raise edited(path, number, f"{lacking[0]!r} is missing")
+                x = arrays["x"].tobytes()
+                if names is _BATCH:
+                    self._batches[x] = Solved(**{name: arrays[name] for name in names})
+                else:
+                    places = tuple(str(each) for each in arrays["places"])
+                    self._slopes[x] = Derivatives(
+                        arrays["slopes"], arrays["kinks"], places, float(arrays["residual"])
+                    )
         except CheckpointError as error:
             raise SceneError(f"function: {error}") from error
-        self._batches: dict[bytes, Solved] = {}
-        self._slopes: dict[bytes, Derivatives] = {}
-        self._next = 0
-        for number, arrays in self._file:
-            self._next = max(self._next, number + 1)
-            if "slopes" in arrays:
-                self._slopes[arrays["x"].tobytes()] = Derivatives(
-                    arrays["slopes"], arrays["kinks"], tuple(str(each) for each in arrays["places"]),
-                    float(arrays["residual"]),
-                )  # fmt: skip
-            else:
-                self._batches[arrays["x"].tobytes()] = Solved(**arrays)
 
     @classmethod
-    def of(cls, path: Path, inputs: Inputs, outputs: Mapping[str, Response], plan: Plan) -> Journal:
+    def of(cls, path: Path, inputs: Inputs, outputs: Mapping[str, Response], solver: Solver) -> Journal:
         """The file of a function, refused if it is of another one."""
-        return cls(path, facts_of(inputs, outputs, plan), inputs.problem.comm)
+        return cls(path, {**facts_of(inputs, outputs, solver.plan), **_FORM}, solver)
 
     def batch(self, x: Array) -> Solved | None:
         """Points (n, inputs) that were solved together; None: they were not."""

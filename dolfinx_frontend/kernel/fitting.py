@@ -164,9 +164,36 @@ third."""
 
 
 # --- one run --------------------------------------------------------------------------------------
+def _with_pattern(description: bridge.Description, loads: Mapping[str, Array]) -> bridge.Description:
+    """A description with one more load pattern: forces (n,) on parts."""
+
+    def wider(block: Array, column: Array | None = None) -> Array:
+        added = np.zeros(len(block)) if column is None else column
+        return np.asfortranarray(np.column_stack([block, added]))
+
+    bodies = []
+    for body in description.bodies:
+        members = [
+            {
+                **each,
+                "load": wider(each["load"], loads.get(each["name"])),
+                "offset": None if each["offset"] is None else wider(each["offset"]),
+            }
+            for each in body["members"]
+        ]
+        springs = [{**each, "jump": wider(each["jump"])} for each in body["springs"]]
+        bodies.append({**body, "members": members, "springs": springs})
+    return description._replace(bodies=bodies)
+
+
 @alone
 def fitted(
-    problem: Problem, plan: Plan, applied: Callable[[Laws], Laws], amplitudes: Array, means: int
+    problem: Problem,
+    plan: Plan,
+    applied: Callable[[Laws], Laws],
+    amplitudes: Array,
+    means: int,
+    loads: Mapping[str, Array] | None = None,
 ) -> tuple[Solver, list[State]]:
     """A solver in whose basis a run is answered to a share of its tolerance, and the answer to start from.
 
@@ -180,6 +207,8 @@ def fitted(
         (load patterns, columns).
     means
         Columns that are means; the others are fluctuations, with an error of their own.
+    loads
+        Part -> forces (n,) of one more load pattern, after those of the plan.
 
     Raises
     ------
@@ -189,7 +218,8 @@ def fitted(
         The cycles do not converge.
     """
     _check(problem, plan)
-    space = _begun(problem, plan, bridge.describe(problem, plan))
+    description = bridge.describe(problem, plan)
+    space = _begun(problem, plan, description if loads is None else _with_pattern(description, loads))
     goal, left = SHARE * plan.options.rtol, 0.1
     rounds = _Rounds(goal, [1.0])
     start: list[State] = []

@@ -243,8 +243,7 @@ class Solver:
         file: Any = None
         with agreed_over(ranks):
             if checkpoint is not None and (ranks is None or ranks.first):
-                header = more.get("header") or {}
-                file = PartsCheckpoint(self.problem.comm, checkpoint, header, self._layout())
+                file = self.checkpoint(checkpoint, more.get("header") or {})
         with one_answer(ranks):
             points = kernel_sweep(
                 self._core,
@@ -263,8 +262,8 @@ class Solver:
         self._over_ranks(points)
         return points if check is not None else locked(points)
 
-    def _layout(self) -> Layout:
-        """What of a state is on this rank."""
+    def checkpoint(self, path: str | Path, header: Mapping[str, Any]) -> PartsCheckpoint:
+        """A file of states, see :class:`PartsCheckpoint`; collective."""
         rows = {}
         for name in self.plan.active:
             if name in self.problem.own.interfaces:
@@ -273,7 +272,8 @@ class Solver:
                 rows[name] = {side: (start, count) for side, start in starts if start >= 0}
         shape = self.rows, self.plan.amplitudes.shape[1]
         first, count = self._first_body, len(self.costs)
-        return Layout(rows, shape, self.bodies[first : first + count], self.plan.active)
+        layout = Layout(rows, shape, self.bodies[first : first + count], self.plan.active)
+        return PartsCheckpoint(self.problem.comm, path, header, layout)
 
     def _over_ranks(self, points: SweepPoints) -> None:
         """Of the largest errors that the ranks have seen, the place of the largest; collective."""

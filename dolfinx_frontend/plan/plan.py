@@ -619,7 +619,7 @@ def _backend(
             return options, []
         what = f"multigrid, about {other.seconds:.2g} s of processor time and {shown(cost.multigrid, 'B')}"
         why = f"factors would take {direct.seconds:.2g} s and {shown(cost.direct, 'B')}"
-        return multigrid, [Decision("bodies", what, f"{why}; errors() and adjoints need them")]
+        return multigrid, [Decision("bodies", what, why)]
     if may and cost.multigrid <= _SURE * free:
         return multigrid, [
             Decision(

@@ -35,7 +35,7 @@ from dolfinx_frontend.results.answer import (
     stepped,
 )
 from dolfinx_frontend.results.moments import Accumulator, of_modes
-from dolfinx_frontend.results.readings import ELIMINATED, Readings, column_of, read
+from dolfinx_frontend.results.readings import Readings, column_of, read
 from dolfinx_frontend.results.probes import AtPoint, reaction_of
 from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
 from dolfinx_frontend.results.sampled_stress import (
@@ -193,8 +193,6 @@ class Face(ABC):
 
     def why_unknown(self, interface: str) -> str | None:
         """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
-        if self.problem.distribution is not None:
-            return ELIMINATED
         why = self.without_displacements
         return None if why is None else f"eliminated, its force follows from the displacements: {why}"
 

@@ -16,7 +16,7 @@ from dolfinx_frontend.common.checks import check_known, checked_numbers, checked
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Answer, Block
-from dolfinx_frontend.results.reactions import reaction
+from dolfinx_frontend.results.reactions import Reaction, reaction
 from dolfinx_frontend.results.stress import von_mises
 
 __all__ = ["AtPoint", "reaction_of"]
@@ -148,6 +148,8 @@ class AtPoint:
 def reaction_of(answer: Answer, interface: str, component: str, step: int = -1) -> Callable[[Block], Array]:
     """The total force that a support or glued face exerts on its first side, as a function of samples.
 
+    Collective, and so is the function.
+
     Raises
     ------
     SceneError
@@ -162,8 +164,13 @@ def reaction_of(answer: Answer, interface: str, component: str, step: int = -1) 
             "its row in "
             "the table"
         )
-    held = reaction(answer, interface)
-    if held is None:
+    held: list[Reaction] = []  # on the rank of the parts
+
+    def is_held() -> bool:
+        held.extend(filter(None, [reaction(answer, interface)]))
+        return bool(held)
+
+    if not answer.everywhere(interface, is_held):
         raise SceneError(
             f"reaction: other interfaces hold the nodes of {interface!r} in the same directions; their "
             "forces cannot "
@@ -173,6 +180,9 @@ def reaction_of(answer: Answer, interface: str, component: str, step: int = -1) 
     axis = _AXES.index(component)
 
     def total(block: Block) -> Array:
-        return np.asarray(held.forces(block)[:, step, :, axis].sum(axis=-1))
+        def read() -> Array:
+            return np.asarray(held[0].forces(block)[:, step, :, axis].sum(axis=-1))
+
+        return np.asarray(answer.everywhere(interface, read))
 
     return total

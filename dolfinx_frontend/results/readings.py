@@ -26,7 +26,6 @@ from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = ["Measures", "Readings", "column_of", "known_interfaces", "measure", "read"]
 
-ELIMINATED = "eliminated, the force is not an unknown (solve with active=[...] to have it)"
 SHARED = "eliminated, shares nodes with another support or glued face (solve with active=[...] to have it)"
 ROUNDED = 1e-14
 """Products of unit vectors up to this are those of orthogonal ones."""
@@ -240,6 +239,12 @@ def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, A
     return {column: np.concatenate([each[column] for each in found]) for column in found[0]}
 
 
+def _balanced(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, Array] | None:
+    """Numbers (N, T) of an interface that was assembled across, if it has any; on the rank of its parts."""
+    held = reaction(answer, name)
+    return None if held is None else _reacted(answer.surface(name), held, blocks)
+
+
 def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[str, Array]:
     """Numbers (N, T) of an interface that was assembled across: its resultants."""
     levers = _levers(held.points, surface.centre)
@@ -274,16 +279,22 @@ def column_of(answer: Answer, text: str, step: int = -1) -> Callable[[Block], Ar
     where = f"quantity {text!r}"
     check_known("interface", name, answer.problem.interfaces, where)
     surface = answer.surface(name)
-    why = None if name in answer.known else answer.why_unknown(name)
-    held = reaction(answer, name) if name not in answer.known and why is None else None
-    if held is None and name not in answer.known:
-        raise SceneError(f"{where}: interface {name!r}: {why or SHARED}")
+    held: list[Reaction | None] = []  # on the rank of the parts
+
+    def is_held() -> bool:
+        held.append(reaction(answer, name))
+        return held[0] is not None
+
+    if name not in answer.known:
+        why = answer.why_unknown(name)
+        if why is not None or not answer.everywhere(name, is_held):
+            raise SceneError(f"{where}: interface {name!r}: {why or SHARED}")
+
+    def read(block: Block) -> dict[str, Array]:
+        return _reacted(surface, held[0], [block]) if held and held[0] else _measured(answer, name, [block])
 
     def number(block: Block) -> Array:
-        if held is not None:
-            values = _reacted(surface, held, [block])
-        else:
-            values = answer.everywhere(name, partial(_measured, answer, name, [block]))
+        values = answer.everywhere(name, partial(read, block))
         check_known("column", column, values, where)
         found: Array = values[column][:, step]
         if np.all(np.isnan(found)):
@@ -339,11 +350,11 @@ def read(
             values = answer.everywhere(name, partial(_measured, answer, name, blocks))
         else:
             why = answer.why_unknown(name)
-            held = reaction(answer, name) if why is None else None
-            if held is None:
+            balanced = None if why else answer.everywhere(name, partial(_balanced, answer, name, blocks))
+            if balanced is None:
                 missing[name] = why or SHARED
                 continue
-            values = _reacted(surface, held, blocks)
+            values = balanced
         if times is None:
             values = {column: v[:, 0] for column, v in values.items()}
         if answer.statistics == "value":

@@ -98,3 +98,16 @@ def test_a_file_of_another_run_is_refused(problem: lf.Problem, tmp_path: Path) -
     again.close()
     with pytest.raises(SceneError, match="checkpoint"):
         problem.function("joint", checkpoint=tmp_path / "no" / "f")
+
+
+def test_points_without_an_answer_are_known_from_the_file(problem: lf.Problem, tmp_path: Path) -> None:
+    """A batch of which no state is kept."""
+    few = lf.Options(max_iterations=1, newton=0)
+    found = []
+    for _ in range(2):
+        f = problem.function("joint", options=few, checkpoint=tmp_path / "f")
+        found.append(f.evaluate(f.nominal))
+        f.close()
+    first, again = found
+    assert not first.converged.any() and list(again.statuses) == list(first.statuses)
+    assert np.array_equal(again.error, first.error)

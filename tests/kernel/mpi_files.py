@@ -11,6 +11,7 @@ import signal
 import sys
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from blocks import WORLD, row
@@ -21,6 +22,7 @@ from dolfinx_frontend import (
     Elastic,
     LogNormal,
     Options,
+    Resultant,
     SceneError,
     assemble,
     io,
@@ -30,6 +32,7 @@ from dolfinx_frontend import (
     solve,
     sweep,
 )
+from dolfinx_frontend.inference import function as inference
 from latin_core import CheckpointError
 
 GRID = {"j1.normal": [5.0, 20.0, 80.0], "bed2.tangential": [2.0, 3.0]}
@@ -45,6 +48,14 @@ def joint(k: int) -> Any:
 def random_joint(k: int) -> Any:
     """Springs, random ones between the first and the second block."""
     return Elastic(normal=LogNormal("k", 20.0, cov=0.2) if k == 1 else 20.0, tangential=10.0)
+
+
+def function_joint(k: int) -> Any:
+    """Random springs and a contact with friction."""
+    return Contact(friction=0.4) if k == 2 else Elastic(normal=LogNormal(f"k{k}", 20.0, cov=0.2))
+
+
+POINTS = [[18.0, 23.0], [20.0, 20.0], [25.0, 15.0]]
 
 
 def problem(laws: Any = joint, comm: Any = WORLD) -> Any:
@@ -126,7 +137,36 @@ def some(file: Path) -> None:
 
     begin("all", active="all")
     begin("few")
+    function = problem(function_joint).function(
+        Resultant("j2"), active="all", options=OPTIONS, checkpoint=file.with_name("function")
+    )
+    function(POINTS[:2])
+    function.derivatives(POINTS[0])
+    function.close()
     print(f"begun on rank {WORLD.rank}", flush=True)
+
+
+def goes_on(file: Path, last: bool) -> None:
+    """A function is answered from the file of other ranks, and solves from there what is not in it."""
+    calls: list[str] = []
+
+    def counted(name: str) -> Any:
+        plain = getattr(inference, name)
+        return mock.patch.object(inference, name, lambda *a, **k: calls.append(name) or plain(*a, **k))
+
+    settings: dict[str, Any] = {"active": "all", "options": OPTIONS}
+    function = problem(function_joint).function(Resultant("j2"), checkpoint=file, **settings)
+    with counted("walked"), counted("derivatives"):
+        function(POINTS[:2])
+        slopes = function.derivatives(POINTS[0]).values
+        assert not calls, calls
+        values = function(POINTS)
+        assert calls == ([] if last else ["walked"]), calls
+    function.close()
+    alone = problem(function_joint, MPI.COMM_SELF).function(Resultant("j2"), **settings)
+    same(values, alone(POINTS), "values of a function")
+    exact = alone.derivatives(POINTS[0]).values
+    assert np.abs(slopes - exact).max() < 1e-8 * np.abs(exact).max()
 
 
 def more(file: Path, last: bool) -> None:
@@ -160,6 +200,7 @@ def more(file: Path, last: bool) -> None:
         assert lacking and "active interfaces (the file lacks 'j3')" in str(error), (lacking, error)
     else:
         assert not lacking, lacking
+    goes_on(file.with_name("function"), last)
     print(f"gone on with rank {WORLD.rank}", flush=True)
 
 

@@ -23,8 +23,10 @@ from dolfinx_frontend import (
     Options,
     Perfect,
     Problem,
+    Resultant,
     Scene,
     assemble,
+    discretisation_error,
     geometry,
     monte_carlo,
     reference,
@@ -218,6 +220,22 @@ def test_a_history_with_a_sweep() -> None:
     assert np.all(found.converged)
     size = np.abs(exact.jump("joint")).max()
     assert np.abs(found.jump("joint") - exact.jump("joint")).max() <= 1e-4 * size
+
+
+@pytest.mark.parametrize("active", [[], ["joint"]])
+def test_errors_of_quantities(active: list[str]) -> None:
+    """The dual problem has a basis of its own."""
+    problem = blocks(ELASTIC, cells=2)
+    exact, found = (
+        solve(problem, active=active or None, options=options)
+        for options in (Options(rtol=1e-9), MULTIGRID)
+    )
+    for name, of in (("joint", "force"), ("ground", "force"), ("joint", "jump")):
+        wanted = Resultant(name, of)
+        whole, by_cycles = (discretisation_error(each, wanted) for each in (exact, found))
+        assert by_cycles.bound == pytest.approx(whole.bound, rel=1e-4), (name, of)
+        assert by_cycles.correction == pytest.approx(whole.correction, rel=1e-4), (name, of)
+    assert found.errors("ground").reached
 
 
 def test_what_a_basis_does_not_have() -> None:

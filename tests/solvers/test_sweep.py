@@ -465,7 +465,7 @@ def edited(path, number, change):
 
 
 @pytest.mark.parametrize(
-    "name", ["iterations", "status", "column", "force:layer", "data:layer:0", "output:total"]
+    "name", ["iterations", "status", "column", "part", "force:layer", "data:layer:0", "output:total"]
 )
 @pytest.mark.parametrize("how", ["removed", "renamed", "another kind", "another shape"])
 def test_edited_points_are_refused(problem, tmp_path, name, how):
@@ -481,13 +481,12 @@ def test_edited_points_are_refused(problem, tmp_path, name, how):
         if how == "renamed":
             arrays[f"{name}_"] = before
         elif how == "another kind":
-            arrays[name] = np.asarray(3.0 if name == "status" else "x")
+            arrays[name] = np.asarray(3.0 if name in ("status", "part") else "x")
         elif how == "another shape":
             arrays[name] = np.stack([before, before])
 
     edited(path, 1, change)
     left = path.read_bytes()
-    read = {"column": "worst", "data:layer:0": "data"}.get(name, name)  # what is made of it
-    with pytest.raises(CheckpointError, match=f"points was edited: point 1: '{read}' .*move it away"):
+    with pytest.raises(CheckpointError, match=f"points was edited: point 1: '{name}' .*move it away"):
         sweep(problem, grid, **run)
     assert path.read_bytes() == left

@@ -362,6 +362,25 @@ def layered(n: int, stiffness: Any) -> Problem:
     return assemble(scene)
 
 
+def test_a_step_of_a_history_is_as_good_as_its_load_alone() -> None:
+    """Springs beside a contact that stays open: the size of the load at a step changes no dual problem."""
+    found = []
+    for load in (0.5, Amplitude([0.0, 1.0, 2.0], [0.0, 1.0, 0.5])):
+        scene = Scene()
+        for k in range(2):
+            cells = geometry.box((10.0, 10.0), (3, 3), origin=(10.0 * k, 0.0))
+            scene.substructure(f"b{k}", cells, STEEL, degree=1)
+        scene.fix("b0:x0")
+        scene.interface("joint", "b0:x1", "b1:x0", Elastic(normal=5.0, tangential=2.0))
+        scene.interface("bed", "b1:y0", Elastic(normal=0.3, tangential=2.0))
+        scene.interface("stop", "b1:x1", Contact(gap=10.0))
+        scene.traction("b1:y1", load * np.array([0.02, 0.003]) if load == 0.5 else load * (0.02, 0.003))
+        settings = {} if load == 0.5 else {"times": [1.0, 2.0]}
+        result = solve(assemble(scene), active=["joint", "stop"], **settings)
+        found.append([estimate(result, Resultant("joint", of)).bound for of in ("force", "jump")])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-4)  # of both answers: 1e-6 each
+
+
 def test_mean_of_a_chaos():
     """The mean force, whose error is that of the mean field; the chaos goes on as before."""
     random = LogNormal("k", mean=100.0, cov=0.2)

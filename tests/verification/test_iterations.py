@@ -16,6 +16,7 @@ from dolfinx_frontend.reference.direct import ReferenceSolution, monolithic
 from dolfinx_frontend.reference.energy import energy_difference, energy_error
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from latin_core import Options
@@ -194,6 +195,28 @@ def test_iterations_of_a_contact_far_smaller_than_its_bodies(load: str) -> None:
     """Hertz, with the default search direction: a/L = 0.06 and 0.006."""
     hertz = scenes.demo("hertz")
     within(assemble(hertz.press(getattr(hertz, load), 8.0).scene), 60)
+
+
+def test_a_state_of_other_meshes_is_no_hindrance() -> None:
+    """Its traces are not those of its data: what the first step changes says nothing about the next ones."""
+
+    def chain(n: int) -> Problem:
+        scene = Scene()
+        for k in range(8):
+            block = geometry.box((10.0, 10.0), (n, n), origin=(10.0 * k, 0.0))
+            scene.substructure(f"b{k}", block, LinearElastic(E=200e3, nu=0.3), degree=1)
+            scene.interface(f"bed{k}", f"b{k}:y0", Elastic(normal=300.0, tangential=300.0))
+        scene.fix("b0:x0")
+        for k in range(1, 8):
+            scene.interface(f"j{k}", f"b{k - 1}:x1", f"b{k}:x0", Contact(friction=0.3))
+        scene.traction("b7:x1", (-20.0, 3.0))
+        return assemble(scene)
+
+    coarse, fine = (solve(chain(n), options=Options(rtol=1e-8, newton=0)) for n in (4, 6))
+    again = solve_once(fine.problem, fine.plan, before=coarse, progress=False)
+    assert coarse.converged and fine.converged and again.converged
+    assert again.iterations <= fine.iterations + 2, (fine.iterations, again.iterations)
+    assert energy_difference(fine.problem, again, fine) < 1e-7
 
 
 @pytest.mark.parametrize("factor", [0.3, 3.0, 30.0])

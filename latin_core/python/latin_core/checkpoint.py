@@ -29,7 +29,15 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Checkpoint", "CheckpointError", "CheckpointWarning", "differences"]
+__all__ = [
+    "Checkpoint",
+    "CheckpointError",
+    "CheckpointWarning",
+    "PointFile",
+    "differences",
+    "edited",
+    "wrong_array",
+]
 
 _VERSION = 4
 _DIGEST = hashlib.sha256().digest_size
@@ -93,6 +101,35 @@ def differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> list[str]
         for name in names
         if name not in theirs or name not in mine or not _same(theirs[name], mine[name])
     ]
+
+
+def wrong_array(
+    arrays: Mapping[str, Any], name: str, kinds: str, shape: tuple[int, ...] | None
+) -> str:
+    """What is wrong with an array of a point, by its name; empty: nothing.
+
+    Parameters
+    ----------
+    kinds
+        Kinds of numbers (``dtype.kind``) that it may have.
+    shape
+        That is wanted; None: any.
+    """
+    if name not in arrays:
+        return f"{name!r} is missing"
+    found = arrays[name]
+    if found.dtype.kind not in kinds:
+        return f"{name!r} is of type {found.dtype}, {'a text' if kinds == 'U' else 'numbers'} wanted"
+    if shape is not None and found.shape != shape:
+        return f"{name!r} has shape {found.shape}, {shape} wanted"
+    return ""
+
+
+def edited(path: Path, number: int, wrong: str) -> CheckpointError:
+    """What a point says whose checksum is right and whose arrays are not."""
+    return CheckpointError(
+        f"checkpoint {path} was edited: point {number}: {wrong}: move it away to start from the beginning"
+    )
 
 
 def _busy(error: BaseException) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from latin_core import _core
-from latin_core.checkpoint import Checkpoint, CheckpointError, PointFile
+from latin_core.checkpoint import Checkpoint, CheckpointError, PointFile, edited, wrong_array
 from latin_core.options import Options
 from latin_core.shares import Shares, split
 
@@ -171,18 +171,6 @@ Fields = dict[str, tuple[Array, Array]]
 """Interface -> its local-stage force and jump, (rows, columns) each."""
 
 
-def _wrong(arrays: Mapping[str, Any], name: str, kinds: str, shape: Shape | None) -> str:
-    """What is wrong with an array of a checkpoint, by its name; empty: nothing."""
-    if name not in arrays:
-        return f"{name!r} is missing"
-    found = arrays[name]
-    if found.dtype.kind not in kinds:
-        return f"{name!r} is of type {found.dtype}, {'a text' if kinds == 'U' else 'numbers'} wanted"
-    if shape is not None and found.shape != shape:
-        return f"{name!r} has shape {found.shape}, {shape} wanted"
-    return ""
-
-
 @dataclass(frozen=True)
 class _Keeper:
     """Writes what a point leaves to its place in the result: numbers, fields of `interfaces`, `outputs`."""
@@ -246,12 +234,9 @@ class _Keeper:
                         f"{file.path} holds point {number}, this sweep has {points} points"
                     )
                 for name, (kinds, shape) in layout.items():
-                    wrong = _wrong(arrays, name, kinds, shape)
+                    wrong = wrong_array(arrays, name, kinds, shape)
                     if wrong:
-                        raise CheckpointError(
-                            f"checkpoint {file.path} was edited: point {number}: {wrong}: move it away to "
-                            "start from the beginning"
-                        )
+                        raise edited(file.path, number, wrong)
                 for key in (f"output:{name}" for name in self.outputs):
                     layout[key] = ("f", arrays[key].shape)
                 self.keep(number, arrays)

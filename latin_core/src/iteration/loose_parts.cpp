@@ -9,7 +9,7 @@
 namespace latin::iteration {
 namespace {
 
-using substructure::Tangent;
+using substructure::Joined;
 
 /// A body from which the others need less than this, beside the most, is one that may lie anywhere.
 constexpr double idle = 1e-3;
@@ -18,43 +18,30 @@ constexpr double idle = 1e-3;
 constexpr double no_force = 10.0 * rounding_share;
 constexpr double not_flown = 1e3;
 
-/// Sizes of forces on the active unknowns, (bodies).
-Vector of_bodies(const Tangent& tangent, const Vector& forces) {
-  const std::vector<Index>& first = tangent.first_active();
-  Vector sizes(static_cast<Index>(first.size()) - 1);
-  for (Index b = 0; b < sizes.size(); ++b) {
-    const auto at = static_cast<std::size_t>(b);
-    sizes(b) = forces(Eigen::seq(first[at], first[at + 1] - 1)).norm();
-  }
-  return sizes;
-}
-
 }  // namespace
 
 /// What others need nothing from and no linear law holds, as a pin with play, is kept near to where it was: a round
 /// would throw it as far as rounding likes. Where the rounds end it bears no force of these springs.
 void Multipliers::keep_idle() {
-  const substructure::Structure& structure = laws_.structure();
   const std::vector<bool> idles = idle_bodies();
   if (!contacts_) {
     for (std::size_t b = 0; b < idles.size(); ++b) {
-      const auto rows = Eigen::seqN(structure.body_rows()[b], structure.bodies()[b].rows());
       if (idles[b]) {
-        keeping_(rows) =
-            keeping * structure.weights()(rows).cwiseProduct(structure.directions()(rows));
+        const auto rows = rows_of(b);
+        keeping_(rows) = keeping * system_.weights()(rows).cwiseProduct(system_.directions()(rows));
         keeps_ = true;
       }
     }
     return;
   }
-  for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
-    const substructure::ActiveInterface& interface = structure.interface(i);
-    const bool keeps =
-        !laws_.of(i).law->linear() &&
-        std::ranges::any_of(interface.rows, [&](Index row) { return idles[body_of(row)]; });
+  for (std::size_t i = 0; i < linear_.size(); ++i) {
+    const Joined::JoinedInterface& interface = joined().interfaces()[i];
+    const bool keeps = !linear_[i] && std::ranges::any_of(interface.rows, [&](Index row) {
+      return idles[body_of(row)];
+    });
     if (keeps) {
-      keeping_.segment(interface.first_unknown, interface.size()) =
-          keeping * interface.geometry.weights.cwiseQuotient(interface.flexibility);
+      keeping_.segment(interface.first_unknown, interface.size) =
+          keeping * interface.weights.cwiseQuotient(interface.flexibility);
       keeps_ = true;
     }
   }
@@ -62,19 +49,18 @@ void Multipliers::keep_idle() {
 
 /// Bodies that others need nothing from, but for those that linear laws join with the ground or with what is needed.
 std::vector<bool> Multipliers::idle_bodies() const {
-  const substructure::Structure& structure = laws_.structure();
-  const Vector sizes = of_bodies(tangent_, forces_on_bodies());
-  std::vector<bool> idles(structure.bodies().size());
+  const Vector sizes = of_bodies(forces_on_bodies());
+  std::vector<bool> idles(joined().bodies().size());
   for (Index b = 0; b < sizes.size(); ++b) {
     idles[static_cast<std::size_t>(b)] = sizes(b) <= idle * sizes.maxCoeff();
   }
   const Matrix slopes = system_.slopes(column_, memory_, free_jump(), flexibility_);
   for (bool more = true; std::exchange(more, false);) {
-    for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
-      const substructure::ActiveInterface& interface = structure.interface(i);
-      const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size());
+    for (std::size_t i = 0; i < linear_.size(); ++i) {
+      const Joined::JoinedInterface& interface = joined().interfaces()[i];
+      const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size);
       const auto is_idle = [&](Index row) { return idles[body_of(row)]; };
-      if (!laws_.of(i).law->linear() || (slopes(unknowns, every).array() == 0.0).all() ||
+      if (!linear_[i] || (slopes(unknowns, every).array() == 0.0).all() ||
           (interface.rows.size() > 1 && std::ranges::all_of(interface.rows, is_idle))) {
         continue;
       }
@@ -89,7 +75,6 @@ std::vector<bool> Multipliers::idle_bodies() const {
 
 /// Bodies without forces, and without interfaces that would hold them if they moved a little away.
 void Multipliers::find_placeless() {
-  const substructure::Structure& structure = laws_.structure();
   Vector away = free_jump();
   const double little = of_rounding * (traces_ + tangent_.traces() * moved_).cwiseAbs().maxCoeff();
   for (const auto& [normal, count] : coupled_) {
@@ -102,10 +87,10 @@ void Multipliers::find_placeless() {
   auto found = placeless_.row(column_);
   const std::vector<bool> without_force = forceless();
   for (std::size_t b = 0; b < without_force.size(); ++b) {
-    found(static_cast<Index>(b)) = without_force[b] && structure.bodies()[b].rows() > 0 ? 1.0 : 0.0;
+    found(static_cast<Index>(b)) = without_force[b] && rows_of(b).size() > 0 ? 1.0 : 0.0;
   }
-  for (const substructure::ActiveInterface& interface : structure.interfaces()) {
-    const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size());
+  for (const Joined::JoinedInterface& interface : joined().interfaces()) {
+    const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size);
     if ((slopes(unknowns, every).array() != 0.0).any()) {
       for (const Index row : interface.rows) {
         found(static_cast<Index>(body_of(row))) = 0.0;
@@ -116,28 +101,41 @@ void Multipliers::find_placeless() {
 
 /// Which body has a row.
 std::size_t Multipliers::body_of(Index row) const {
-  const std::vector<Index>& first = laws_.structure().body_rows();
-  return static_cast<std::size_t>(std::ranges::upper_bound(first, row) - first.begin()) - 1;
+  const auto& bodies = joined().bodies();
+  const auto after = std::ranges::upper_bound(bodies, row, {}, &Joined::JoinedBody::first_row);
+  return static_cast<std::size_t>(after - bodies.begin()) - 1;
 }
 
 /// Bodies without load whose forces are rounding.
 std::vector<bool> Multipliers::forceless() const {
-  const Vector sizes = of_bodies(tangent_, forces_on_bodies());
-  const Vector of_terms = of_bodies(tangent_, terms());
+  const Vector sizes = of_bodies(forces_on_bodies());
+  const Vector of_terms = of_bodies(terms());
   std::vector<bool> found(static_cast<std::size_t>(sizes.size()));
   for (Index b = 0; b < sizes.size(); ++b) {
     const auto at = static_cast<std::size_t>(b);
     const double none = no_force * of_terms(b);
-    found[at] = laws_.structure().bodies()[at].unloaded() && sizes(b) <= none &&
-                not_flown * none <= sizes.maxCoeff();
+    found[at] =
+        joined().bodies()[at].unloaded && sizes(b) <= none && not_flown * none <= sizes.maxCoeff();
   }
   return found;
+}
+
+/// Sizes of forces on the active unknowns, (bodies).
+Vector Multipliers::of_bodies(const Vector& forces) const {
+  const std::vector<Index>& first = joined().first_active();
+  Vector sizes(static_cast<Index>(first.size()) - 1);
+  for (Index b = 0; b < sizes.size(); ++b) {
+    const auto at = static_cast<std::size_t>(b);
+    sizes(b) = forces(Eigen::seq(first[at], first[at + 1] - 1)).norm();
+  }
+  system_.follow_first(sizes);
+  return sizes;
 }
 
 /// What forces of the bodies are the balance of, at least, (active).
 Vector Multipliers::terms() const {
   const Vector traces = traces_ + tangent_.traces() * moved_;
-  return tangent_.nodal(laws_.structure().directions().cwiseProduct(traces.cwiseAbs()));
+  return tangent_.nodal_of_all(system_.directions().cwiseProduct(traces.cwiseAbs()));
 }
 
 /// What the bodies need of the interfaces, (active).

@@ -61,58 +61,50 @@ constexpr double least_diagonal = 1e-12;
 /// Slopes that differ by less are symmetric.
 constexpr double same = 1e-6;
 
-/// Unknowns of nonlinear laws.
-std::vector<Index> nonlinear(const substructure::Laws& laws) {
-  std::vector<Index> unknowns;
-  const auto& interfaces = laws.structure().interfaces();
-  for (std::size_t i = 0; i < interfaces.size(); ++i) {
-    for (Index k = 0; k < interfaces[i].size() && !laws.of(i).law->linear(); ++k) {
-      unknowns.push_back(interfaces[i].first_unknown + k);
-    }
-  }
-  return unknowns;
-}
-
 }  // namespace
 
 bool Multipliers::suits(const substructure::Laws& laws) {
-  return laws.structure().communicator().alone() && laws.modes() == 1 && !laws.transformed() &&
-         !laws.linear() &&
-         (!laws.scales_anywhere() || (laws.modes() == 1 && laws.stiffness_is_one())) &&
+  const Communicator& ranks = laws.structure().communicator();
+  return laws.modes() == 1 && ranks.everywhere(!laws.transformed()) && !laws.linear_everywhere() &&
+         (!laws.scales_anywhere() || ranks.everywhere(laws.stiffness_is_one())) &&
          Tangent::bearable(laws.structure());
 }
 
 Multipliers::Multipliers(const substructure::Laws& laws,
-                         std::shared_ptr<const substructure::Joined> joined)
+                         std::shared_ptr<const substructure::Joined> known)
     : laws_(laws),
-      system_(laws),
       tangent_(laws.structure(),
-               joined ? std::move(joined) : std::make_shared<const substructure::Joined>(laws)),
-      nonlinear_(nonlinear(laws)) {
-  if (!Tangent::possible(laws.structure()) && ContactTangent::pays(tangent_, nonlinear_)) {
-    contacts_.emplace(tangent_, nonlinear_);
-  }
+               known ? std::move(known) : std::make_shared<const substructure::Joined>(laws)),
+      system_(laws, tangent_.shared_joined()),
+      remembers_(laws.remembers_anywhere()),
+      linear_(system_.linear()) {
   const substructure::Structure& structure = laws.structure();
   areas_.resize(system_.unknowns());
   softness_ = Vector::Zero(system_.unknowns());
-  for (const substructure::ActiveInterface& interface : structure.interfaces()) {
-    const Index components = interface.geometry.components;
-    areas_.segment(interface.first_unknown, interface.size()) = interface.geometry.weights;
+  const Vector of_rows =
+      structure.weights().cwiseQuotient(structure.trace_metric());  // length^3 / force, about
+  const Vector softness = joined().of_rows(of_rows);
+  for (std::size_t i = 0; i < linear_.size(); ++i) {
+    const substructure::Joined::JoinedInterface& interface = joined().interfaces()[i];
+    const auto unknowns = Eigen::seqN(interface.first_unknown, interface.size);
+    areas_(unknowns) = interface.weights;
     for (const Index first : interface.rows) {
-      for (Index i = 0; i < interface.size(); ++i) {
-        const double metric = structure.trace_metric()(first + i);
-        double& softness = softness_(interface.first_unknown + i);
-        softness = std::max(softness, structure.weights()(first + i) / metric);
+      softness_(unknowns) = softness_(unknowns).cwiseMax(softness.segment(first, interface.size));
+    }
+    for (Index k = 0; k < interface.size; ++k) {
+      const Index unknown = interface.first_unknown + k;
+      if (!linear_[i]) {
+        nonlinear_.push_back(unknown);
+      }
+      if (interface.components == 1) {
+        single_.push_back(unknown);  // of points without tangential components
+      } else if (k % interface.components == 0) {
+        coupled_.emplace_back(unknown, interface.components);
       }
     }
-    for (Index i = 0; i < interface.size(); i += components) {
-      const Index first = interface.first_unknown + i;
-      if (components > 1) {
-        coupled_.emplace_back(first, components);
-      } else {
-        single_.push_back(first);
-      }
-    }
+  }
+  if (!Tangent::possible(structure) && ContactTangent::pays(tangent_, nonlinear_)) {
+    contacts_.emplace(tangent_, nonlinear_);
   }
   // what is free of its own body's stiffness is measured with the stiffest
   const Vector diagonal = tangent_.diagonal();
@@ -132,6 +124,14 @@ void Multipliers::set_flexibility(double factor) {
 }
 
 bool Multipliers::solve(State& state, Index most) {
+  const bool found = system_.with_all(state, [&](State& all) { return solve_columns(all, most); });
+  before_last_ = system_.own_state(before_last_);
+  const auto bodies = static_cast<Index>(laws_.structure().bodies().size());
+  placeless_ = Matrix(placeless_.middleCols(joined().first_body(), bodies));
+  return found;
+}
+
+bool Multipliers::solve_columns(State& state, Index most) {
   const substructure::Structure& structure = laws_.structure();
   const double each = contacts_ ? contacts_->work() : structure.work().condense;
   const double bearable = contacts_ ? bearable_of_jumps : bearable_work;
@@ -139,7 +139,7 @@ bool Multipliers::solve(State& state, Index most) {
               ? most
               : std::min(most, static_cast<Index>(bearable / std::max(each, 1.0)) + least_left);
   before_last_ = state;
-  placeless_ = Matrix::Zero(state.data.cols(), static_cast<Index>(structure.bodies().size()));
+  placeless_ = Matrix::Zero(state.data.cols(), static_cast<Index>(joined().bodies().size()));
   memory_ = system_.blank();
   Vector carried;
   bool all = true;
@@ -149,9 +149,10 @@ bool Multipliers::solve(State& state, Index most) {
     }
     traces_ = state.traces.col(column_);
     jump_ = tangent_.sides() * traces_;
-    pull_ = tangent_.nodal(state.data.col(column_) - structure.directions().cwiseProduct(traces_));
+    pull_ =
+        tangent_.nodal_of_all(state.data.col(column_) - system_.directions().cwiseProduct(traces_));
     const Matrix free = system_.free_jumps(state.data.col(column_), state.traces.col(column_));
-    const Vector force = column_ > 0 && laws_.remembers()
+    const Vector force = column_ > 0 && remembers_
                              ? carried
                              : system_.forces(column_, memory_, free.col(0), system_.direct());
     const Index for_landing = left_ / 2;
@@ -162,12 +163,12 @@ bool Multipliers::solve(State& state, Index most) {
     all = all && found;
     carried = force_;
     find_placeless();
-    if (laws_.remembers()) {
+    if (remembers_) {
       system_.advance(column_, memory_, free_jump(), flexibility_);
     }
     write(moved_, force_, state);
     write(moved_before_, force_before_, before_last_);
-    if (!found && laws_.remembers()) {
+    if (!found && remembers_) {
       return false;  // the others depend on it
     }
   }
@@ -177,7 +178,7 @@ bool Multipliers::solve(State& state, Index most) {
 /// A column of a state: displacements since the beginning, and forces.
 void Multipliers::write(const Vector& moved, const Vector& force, State& state) const {
   state.traces.col(column_) = traces_ + tangent_.traces() * moved;
-  state.data.col(column_) = laws_.structure().directions().cwiseProduct(state.traces.col(column_)) -
+  state.data.col(column_) = system_.directions().cwiseProduct(state.traces.col(column_)) -
                             tangent_.sides().transpose() * force;
 }
 
@@ -364,28 +365,36 @@ Vector Multipliers::residual_of(const Vector& force) const {
          kept_forces(moved_ - moved_before_);
 }
 
+/// A step with springs on all bodies. @return whether it leads downwards, where that is known
+bool Multipliers::try_step(const Answered& at, const Vector& residual, double hold, Vector& step) {
+  try {
+    if (contacts_) {
+      contacts_->factorise(at.slopes, keeping_.cwiseQuotient(areas_).cwiseMax(
+                                          std::max(hold, ContactTangent::least_hold) *
+                                          system_.direct().cwiseInverse()));
+      step = -contacts_->solve(residual);
+    } else {
+      tangent_.factorise_stiffness(at.slopes, hold);
+      step = -tangent_.solve(residual);
+    }
+  } catch (const NumericalError&) {
+    step = Vector::Zero(residual.size());
+    return false;
+  }
+  return step.allFinite() &&
+         (!at.symmetric || step.dot(residual) <= rounding * step.norm() * residual.norm());
+}
+
 bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& step) {
   const double least = keeps_ && !contacts_ ? keeping : holds.front();
   for (const double hold : holds) {
     if (hold < least) {
       continue;
     }
-    try {
-      --left_;
-      if (contacts_) {
-        contacts_->factorise(at.slopes, keeping_.cwiseQuotient(areas_).cwiseMax(
-                                            std::max(hold, ContactTangent::least_hold) *
-                                            system_.direct().cwiseInverse()));
-        step = -contacts_->solve(residual);
-      } else {
-        tangent_.factorise_stiffness(at.slopes, hold);
-        step = -tangent_.solve(residual);
-      }
-    } catch (const NumericalError&) {
-      continue;
-    }
-    if (step.allFinite() &&
-        (!at.symmetric || step.dot(residual) <= rounding * step.norm() * residual.norm())) {
+    --left_;
+    const bool good = try_step(at, residual, hold, step);
+    if (system_.follow_first(good)) {
+      system_.follow_first(step);
       held_ = hold > least;
       return true;
     }
@@ -399,10 +408,11 @@ double Multipliers::line_search(const Answered& at, const Vector& residual,
   const Vector along = tangent_.jumps() * step;
   const Vector jump = free_jump();
   const double curvature = step.dot(stiffness_times(step));
-  const double start = step.dot(residual);
+  const double start = system_.follow_first(step.dot(residual));
   const auto slope_at = [&](double length) {
     const Vector change = force_at(jump + length * along) - at.force;
-    return along.dot(areas_.cwiseProduct(change)) + length * curvature + start;
+    return system_.follow_first(along.dot(areas_.cwiseProduct(change)) + length * curvature +
+                                start);
   };
   double high_slope = slope_at(1.0);
   if (!(high_slope > steep_enough * std::abs(start))) {
@@ -437,10 +447,10 @@ double Multipliers::line_search(const Answered& at, const Vector& residual,
 
 /// How far to go along a step; 0 where Newton's method is given up.
 double Multipliers::step_length(const Answered& at, const Vector& residual, const Vector& step) {
-  if (at.symmetric && step.dot(residual) < 0.0) {
+  if (at.symmetric && system_.follow_first(step.dot(residual)) < 0.0) {
     return line_search(at, residual, step);
   }
-  const double base = scale_.cwiseProduct(residual).norm();
+  const double base = system_.follow_first(scale_.cwiseProduct(residual).norm());
   if (base < progress * best_) {
     best_ = base;
     since_ = 0;
@@ -455,7 +465,7 @@ double Multipliers::step_length(const Answered& at, const Vector& residual, cons
     const Vector change = force_at(jump + length * along) - at.force;
     const Vector now =
         residual + length * of_bodies + tangent_.jumps().transpose() * areas_.cwiseProduct(change);
-    if (scale_.cwiseProduct(now).norm() <= (1.0 - 1e-4 * length) * base) {
+    if (system_.follow_first(scale_.cwiseProduct(now).norm()) <= (1.0 - 1e-4 * length) * base) {
       return length;
     }
     length *= 0.5;
@@ -488,7 +498,8 @@ bool Multipliers::find_equilibrium() {
     }
     const Vector pushed = tangent_.jumps().transpose() * areas_.cwiseProduct(at.force);
     if (!held_ &&
-        residual.norm() <= rounding_share * (terms().norm() + pull_.norm() + pushed.norm())) {
+        system_.follow_first(residual.norm() <=
+                             rounding_share * (terms().norm() + pull_.norm() + pushed.norm()))) {
       // steps that what is loose takes from here on are rounding; those of others may not be
       loose_ = change(step, forceless()) > of_rounding;
       if (!loose_ || ++steps_of_rounding > most_of_rounding) {
@@ -510,21 +521,20 @@ bool Multipliers::find_equilibrium() {
 /// The largest change of a body's faces, relative to their displacements.
 /// @param apart bodies that do not count; empty: all do
 double Multipliers::change(const Vector& step, const std::vector<bool>& apart) const {
-  const substructure::Structure& structure = laws_.structure();
   const Vector now = traces_ + tangent_.traces() * moved_;
   const Vector moves = tangent_.traces() * step;
   const double reach = now.cwiseAbs().maxCoeff();
   double worst = 0.0;
-  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+  for (std::size_t b = 0; b < joined().bodies().size(); ++b) {
     if (!apart.empty() && apart[b]) {
       continue;
     }
-    const auto rows = Eigen::seqN(structure.body_rows()[b], structure.bodies()[b].rows());
+    const auto rows = rows_of(b);
     const double size = std::max(now(rows).norm(), std::numeric_limits<double>::epsilon() * reach);
     const double moved = moves(rows).norm();
     worst = std::max(worst, size > 0.0 ? moved / size : moved);
   }
-  return worst;
+  return system_.follow_first(worst);
 }
 
 }  // namespace latin::iteration

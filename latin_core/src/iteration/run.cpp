@@ -28,6 +28,8 @@ constexpr Index least_room = 50;
 constexpr double fall_between_checks = 0.3;
 /// Accelerated steps so much longer than the residual are not taken where a body may fly off.
 constexpr double longest_step = 1e7;
+/// A step does not change the residual by more, relative to itself; from a state of other loads or meshes it does.
+constexpr double most_change = 10.0;
 /// Plain steps from zero, where Newton's method may take over.
 constexpr Index steps_from_zero = 2;
 /// Accuracy of what is solved for at once, as a share of that of the run, and how often at most: what rigid laws miss
@@ -129,6 +131,11 @@ Summary Run::run(bool traces_known) {
         started_elsewhere_ = false;
         safeguard_.forget();
         stopping_.forget();
+        if (stepper_.first_change() > most_change) {
+          // nor is what has become of it, of which the history would say that a step back undoes it
+          history_.clear();
+          error_.restart();
+        }
       }
     } else if (*status == Status::converged && !stages_.exact() &&
                iterations() < options_.max_iterations) {

@@ -39,10 +39,13 @@ void Stepper::start_from(const std::vector<const State*>& snapshots, Iterate at)
   const State& away = history_.predicted_error();
   at.state.data -= away.data;
   at.state.traces -= away.traces;
+  started_ = true;
 }
 
 void Stepper::step(Kind kind, Iterate at) {
   choose(kind, at.residual);
+  const bool first = std::exchange(started_, false);
+  const double chosen = first ? history_.metric().norm(step_) : 0.0;  // without the coarse problem
   residual_change_ = at.residual;
   traces_change_ = at.state.traces;
   at.state.data += step_;
@@ -51,6 +54,9 @@ void Stepper::step(Kind kind, Iterate at) {
   residual_change_ = at.residual - residual_change_;
   traces_change_ = at.state.traces - traces_change_;
   history_.push(step_, residual_change_, traces_change_);
+  if (first && chosen > 0.0) {
+    first_change_ = history_.metric().norm(residual_change_) / chosen;
+  }
 }
 
 void Stepper::choose(Kind kind, const Matrix& residual) {

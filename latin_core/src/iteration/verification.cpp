@@ -515,7 +515,7 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
   } catch (const NumericalError&) {
     return false;
   }
-  if (!better_.data.allFinite() || !evaluate(better_, residual_)) {
+  if (!everywhere(better_.data.allFinite()) || !evaluate(better_, residual_)) {
     return false;
   }
   const double norm = history_.metric().norm(residual_);

@@ -83,6 +83,7 @@ void Joined::take_own(const Laws* laws, bool matrices) {
     JoinedBody body;
     body.first_row = structure_.body_rows()[b];
     body.stiffest = factor * bodies[b].stiffest();
+    body.unloaded = bodies[b].unloaded();
     if (!matrices) {
       body.traces = SparseRows(bodies[b].rows(), 0);
     } else if (bodies[b].rows() > 0) {
@@ -167,6 +168,7 @@ std::vector<double> Joined::packed() const {
   for (const JoinedBody& body : bodies_) {
     packer.add(body.first_row);
     packer.add(body.stiffest);
+    packer.add(body.unloaded ? 1.0 : 0.0);
     packer.add(body.stiffness.rows());
     packer.add(body.stiffness);
     packer.add(body.traces.rows());
@@ -211,6 +213,7 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
       JoinedBody body;
       body.first_row = from.index();
       body.stiffest = from.number();
+      body.unloaded = from.number() > 0.5;
       const Index active = from.index();
       active_of_ranks_.back() += active;
       body.stiffness = from.table(active, active);

@@ -5,10 +5,9 @@
 #include <utility>
 #include <vector>
 
-#include "latin/iteration/stages.hpp"
+#include "latin/iteration/joined_laws.hpp"
 #include "latin/iteration/state.hpp"
 #include "latin/substructure/contact_tangent.hpp"
-#include "latin/substructure/interface_system.hpp"
 #include "latin/substructure/tangent.hpp"
 
 namespace latin::iteration {
@@ -25,6 +24,9 @@ namespace latin::iteration {
 /// a line search, and the rounds converge from anywhere. Where friction has no potential and Newton's method fails,
 /// some rounds hold the bounds of friction at those of the round before (J. Necas, J. Jarusek, J. Haslinger, Boll. Un.
 /// Mat. Ital. 17 (1980) 796): the tangential forces are asked for with the normal jumps held.
+///
+/// On several ranks every one takes the same steps on the whole structure, those of the first; laws are asked where they
+/// are. Tables are those of all ranks, unless it is said.
 class Multipliers {
  public:
   /// Steps below this that become no shorter are rounding, relative to the displacement of a body.
@@ -32,23 +34,23 @@ class Multipliers {
   /// Springs that keep a body where the round before has left it, relative to the search direction.
   static constexpr double keeping = 1e-6;
 
-  /// Whether there is such a search: on one rank, with columns that are steps of one history.
+  /// Whether there is such a search: with columns that are steps of one history. Collective.
   [[nodiscard]] static bool suits(const substructure::Laws& laws);
 
   /// @param laws of the run; they must outlive this object
-  /// @param joined the structure, condensed; null: it is condensed here
+  /// @param known the structure, condensed; null: it is condensed here
   explicit Multipliers(const substructure::Laws& laws,
-                       std::shared_ptr<const substructure::Joined> joined = nullptr);
+                       std::shared_ptr<const substructure::Joined> known = nullptr);
 
-  /// Replace the data and traces of a state by those of the answer, column by column.
-  /// @param state whose traces are those of its data
+  /// Replace the data and traces of a state by those of the answer, column by column. Collective.
+  /// @param state of this rank, whose traces are those of its data
   /// @param most  factorisations
   /// @return whether all columns have settled; otherwise those that have not are where they got to
   /// @throws NumericalError if a law has no answer on the way
   bool solve(State& state, Index most);
-  /// The state before the last round: how far it is away is what the rounds have left of an error, at most.
+  /// This rank's state before the last round: how far it is away is what the rounds have left of an error, at most.
   [[nodiscard]] const State& before_last() const { return before_last_; }
-  /// (columns, bodies) 1 where a body touches nothing, or touches without force what it can leave: its place is one of
+  /// (columns, bodies of this rank) 1 where a body touches nothing, or touches without force what it can leave: its place is one of
   /// many, and what rounding does to that no error.
   [[nodiscard]] const Matrix& placeless() const { return placeless_; }
 
@@ -58,12 +60,20 @@ class Multipliers {
     Matrix slopes;
     bool symmetric;
   };
+  [[nodiscard]] bool solve_columns(State& state, Index most);
   [[nodiscard]] bool solve_column(const Vector& force, bool lands);
   [[nodiscard]] Vector forces_on_bodies() const;
   [[nodiscard]] Vector terms() const;
   [[nodiscard]] std::vector<bool> forceless() const;
+  [[nodiscard]] Vector of_bodies(const Vector& forces) const;
   /// Equilibrium with the forces at hand. @return whether it was found
   [[nodiscard]] bool find_equilibrium();
+  [[nodiscard]] const substructure::Joined& joined() const { return tangent_.joined(); }
+  /// Rows of a body.
+  [[nodiscard]] auto rows_of(std::size_t body) const {
+    const substructure::Joined::JoinedBody& own = joined().bodies()[body];
+    return Eigen::seqN(own.first_row, own.traces.rows());
+  }
   [[nodiscard]] Answered ask() const;
   [[nodiscard]] Vector force_at(const Vector& jump) const;
   [[nodiscard]] Vector residual_of(const Vector& force) const;
@@ -74,6 +84,8 @@ class Multipliers {
   [[nodiscard]] Vector stiffness_times(const Vector& moved) const;
   [[nodiscard]] Vector kept_forces(const Vector& moved) const;
   [[nodiscard]] const SparseRows& placed() const;
+  [[nodiscard]] bool try_step(const Answered& at, const Vector& residual, double hold,
+                              Vector& step);
   [[nodiscard]] bool step_from(const Answered& at, const Vector& residual, Vector& step);
   [[nodiscard]] double line_search(const Answered& at, const Vector& residual,
                                    const Vector& step) const;
@@ -86,8 +98,10 @@ class Multipliers {
   void write(const Vector& moved, const Vector& force, State& state) const;
 
   const substructure::Laws& laws_;
-  substructure::InterfaceSystem system_;
   substructure::Tangent tangent_;
+  JoinedLaws system_;
+  bool remembers_;
+  std::vector<bool> linear_;                              ///< (interfaces)
   std::vector<Index> nonlinear_;                          ///< unknowns of nonlinear laws
   std::optional<substructure::ContactTangent> contacts_;  ///< where it pays
   Vector areas_;                                          ///< (unknowns)
@@ -98,7 +112,7 @@ class Multipliers {
   Vector scale_;               ///< 1 / sqrt of the diagonal of S, (active)
   // of the column at hand
   Index column_ = 0;
-  substructure::InterfaceSystem::Memory memory_;
+  JoinedLaws::Memory memory_;
   double factor_ = 1.0;
   Vector flexibility_;   ///< c, (unknowns)
   Vector traces_;        ///< where it began, (rows)

@@ -45,6 +45,10 @@ class Stepper {
   };
   /// Go one step, through both stages, and hand the difference to the history. Collective.
   void step(Kind kind, Iterate at);
+  /// What the first step after start_from() has changed of the residual, relative to the step that was chosen; 0: there
+  /// was none. Both stages together do not expand, where laws are monotone: far above 2 the traces of the start were
+  /// not those of its data.
+  [[nodiscard]] double first_change() const { return first_change_; }
 
  private:
   void choose(Kind kind, const Matrix& residual);
@@ -53,6 +57,8 @@ class Stepper {
   Anderson& history_;
   double relaxation_;
   double longest_;
+  bool started_ = false;
+  double first_change_ = 0.0;
   // kept from one step to the next: no block is allocated in the iteration
   Matrix step_;
   Matrix residual_change_;

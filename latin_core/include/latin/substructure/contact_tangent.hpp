@@ -23,7 +23,7 @@ class ContactTangent {
   /// Springs that have to hold open points, relative to the search direction.
   static constexpr double least_hold = 1e-10;
 
-  /// @param tangent of one rank; it must outlive this object, which alone uses its factor
+  /// @param tangent it must outlive this object, which alone uses its factor
   /// @param varying unknowns whose tangents change, in ascending order, all of a point or none
   ContactTangent(Tangent& tangent, std::vector<Index> varying);
   /// Whether what varies is little enough.

@@ -20,6 +20,7 @@ class Joined {
     Matrix stiffness;       ///< S on its active unknowns, the lower triangle
     SparseRows traces;      ///< of these, (rows, active)
     double stiffest = 0.0;  ///< see Body::stiffest()
+    bool unloaded = true;   ///< see Body::unloaded()
   };
   struct JoinedInterface {
     Index components = 0;

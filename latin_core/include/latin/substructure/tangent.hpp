@@ -81,9 +81,12 @@ class Tangent {
   [[nodiscard]] Matrix inner_forces(const Matrix& traces) const;
   /// Forces per area (rows, c) as those on the active unknowns of the bodies, (active, c): what the meshes see of them.
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
+    return nodal_of_all(joined_->of_rows(forces));
+  }
+  /// The same of those of all ranks, (rows of all, c). Not collective.
+  [[nodiscard]] Matrix nodal_of_all(const Matrix& forces) const {
     Matrix nodal(active_, forces.cols());
-    algebra::multiply_sparse(to_unknowns_,
-                             joined_->weights().asDiagonal() * joined_->of_rows(forces), nodal);
+    algebra::multiply_sparse(to_unknowns_, joined_->weights().asDiagonal() * forces, nodal);
     return nodal;
   }
   /// u^T S u of a body of this rank, where all active unknowns move by (active).

@@ -1,0 +1,134 @@
+#include "latin/iteration/joined_laws.hpp"
+
+#include <exception>
+
+#include "latin/common/error.hpp"
+
+namespace latin::iteration {
+
+using substructure::Joined;
+
+JoinedLaws::JoinedLaws(const substructure::Laws& laws, std::shared_ptr<const Joined> joined)
+    : system_(laws), joined_(std::move(joined)), direct_(joined_->unknowns()) {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    for (Index row = 0; row < interface.size; ++row) {
+      layout_.first.push_back(interface.first_unknown + row - row % interface.components);
+      layout_.components.push_back(interface.components);
+    }
+    direct_.segment(interface.first_unknown, interface.size) = interface.flexibility;
+  }
+}
+
+void JoinedLaws::follow_first(MatrixRef values) const {
+  if (communicator().alone()) {
+    return;
+  }
+  Matrix block = values;
+  communicator().follow_first({block.data(), static_cast<std::size_t>(block.size())});
+  values = block;
+}
+
+double JoinedLaws::follow_first(double value) const {
+  communicator().follow_first({&value, 1});
+  return value;
+}
+
+bool JoinedLaws::follow_first(bool value) const { return follow_first(value ? 1.0 : 0.0) > 0.5; }
+
+/// All ranks go on, or all throw.
+Matrix JoinedLaws::attempted(Index rows, Index columns, const Own& ask) const {
+  Matrix own = Matrix::Zero(rows, columns);
+  std::exception_ptr failure;
+  try {
+    Matrix found = ask();
+    own.leftCols(found.cols()) = found;
+  } catch (...) {
+    failure = std::current_exception();
+  }
+  if (!communicator().none_failed(failure)) {
+    throw NumericalError("a law or a body has no answer at an iterate");
+  }
+  return own;
+}
+
+Matrix JoinedLaws::of_unknowns(Index columns, const Own& ask) const {
+  if (communicator().alone()) {
+    return ask();
+  }
+  return joined_->of_unknowns(attempted(system_.unknowns(), columns, ask));
+}
+
+Matrix JoinedLaws::of_rows(Index columns, const Own& ask) const {
+  if (communicator().alone()) {
+    return ask();
+  }
+  return joined_->of_rows(attempted(laws().structure().rows(), columns, ask));
+}
+
+std::vector<bool> JoinedLaws::linear() const {
+  const auto& interfaces = laws().structure().interfaces();
+  const Matrix of_each = of_unknowns(1, [&] {
+    Matrix own(system_.unknowns(), 1);
+    for (std::size_t i = 0; i < interfaces.size(); ++i) {
+      own.middleRows(interfaces[i].first_unknown, interfaces[i].size())
+          .setConstant(laws().of(i).law->linear() ? 1.0 : 0.0);
+    }
+    return own;
+  });
+  std::vector<bool> linear;
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    linear.push_back(interface.size == 0 || of_each(interface.first_unknown, 0) > 0.5);
+  }
+  return linear;
+}
+
+Vector JoinedLaws::law_flexibility(const Vector& wanted) const {
+  return of_unknowns(1, [&] { return system_.law_flexibility(joined_->own_unknowns(wanted)); });
+}
+
+Vector JoinedLaws::forces(Index column, const Memory& before, ConstVectorRef jump,
+                          ConstVectorRef flexibility) const {
+  return of_unknowns(1, [&] {
+    return system_.forces(column, before, joined_->own_unknowns(jump).col(0),
+                          joined_->own_unknowns(flexibility).col(0));
+  });
+}
+
+Vector JoinedLaws::advance(Index column, Memory& memory, ConstVectorRef jump,
+                           ConstVectorRef flexibility) const {
+  return of_unknowns(1, [&] {
+    return system_.advance(column, memory, joined_->own_unknowns(jump).col(0),
+                           joined_->own_unknowns(flexibility).col(0));
+  });
+}
+
+Matrix JoinedLaws::slopes(Index column, const Memory& before, ConstVectorRef jump,
+                          ConstVectorRef flexibility) const {
+  return of_unknowns(joined_->most_components(), [&] {
+    return system_.slopes(column, before, joined_->own_unknowns(jump).col(0),
+                          joined_->own_unknowns(flexibility).col(0));
+  });
+}
+
+/// A side's share of the free jump: a / k = (f - k w) / k = s / k - 2 w.
+Matrix JoinedLaws::share(const Joined::JoinedInterface& interface, std::size_t side,
+                         ConstMatrixRef data, ConstMatrixRef traces) const {
+  const Index first = interface.rows[side];
+  return directions().segment(first, interface.size).cwiseInverse().asDiagonal() *
+             data.middleRows(first, interface.size) -
+         2.0 * traces.middleRows(first, interface.size);
+}
+
+Matrix JoinedLaws::free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const {
+  Matrix jumps(unknowns(), data.cols());
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    auto jump = jumps.middleRows(interface.first_unknown, interface.size);
+    jump = share(interface, 0, data, traces);
+    if (interface.rows.size() > 1) {
+      jump -= share(interface, 1, data, traces);
+    }
+  }
+  return jumps;
+}
+
+}  // namespace latin::iteration
