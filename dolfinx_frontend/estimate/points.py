@@ -45,6 +45,7 @@ __all__ = [
     "calibrated",
     "checked_cold",
     "far_out",
+    "few_witnesses",
     "joined",
     "kinks_at_ends",
     "lost_of_fields",
@@ -53,6 +54,7 @@ __all__ = [
     "moments_of_sets",
     "panel_points",
     "solved",
+    "solved_alone",
     "surrogate",
     "wide_points",
     "witnesses",
@@ -93,6 +95,12 @@ FIRST_PANELS = (-8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0)
 
 POINTS = 4
 """Gauss points of a piece."""
+
+FEW, FEW_TO = 8, 5e-4
+"""Witnesses of a rule that are drawn, and the accuracy from which on there are twice as many."""
+
+FAR_OFF = 30.0
+"""Deviations that a quantity may be off the polynomial of a rule where no witness is."""
 
 MOST_LINES = 16
 """Most germs that have such witnesses."""
@@ -233,25 +241,55 @@ def panel_points(panels: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
 
 # --- solves -----------------------------------------------------------------------------------------
 def solved(
-    result: ChaosResult, points: Array, weights: Array, rtol: float, quantity: Wanted | None = None
+    result: ChaosResult,
+    points: Array,
+    weights: Array,
+    rtol: float,
+    quantity: Wanted | None = None,
+    newton: int | None = None,
 ) -> SampleResult:
     """Deterministic solves at points of the germs, from neighbour to neighbour: not started from a chaos.
 
     The tolerance is relative to the whole: what a part scatters by matters as far as the quantity does.
+    `newton`: as of the options, None: as it is; points that fail without these steps are not told of.
     """
-    plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))
-    keep = quantity is not None and quantity.needs_states
+    options = result.plan.options.with_(rtol=rtol)
+    if newton is not None:
+        options = options.with_(newton=newton)
     return sample_on(
         result.solver,
         result.random,
-        plan,
+        replace(result.plan, options=options),
         points,
         weights / weights.sum(),
         "quadrature",
-        keep_states=keep,
+        keep_states=quantity is not None and quantity.needs_states,
         scatter=False,
+        told=newton is None,
         estimator=result.estimator,
     )
+
+
+def solved_alone(
+    result: ChaosResult, points: Array, weights: Array, rtol: float, quantity: Wanted | None = None
+) -> SampleResult:
+    """The same, each point from nothing: none can stay where a neighbour is.
+
+    Newton's steps, which cost more than they save here, are taken once a point has failed without.
+    """
+    plain: int | None = 0 if result.plan.options.newton else None
+    found: SampleResult | None = None
+    for point in points:
+        one = solved(result, point[None], np.ones(1), rtol, quantity, plain)
+        if plain is not None and one.status not in ("converged", "interrupted"):
+            plain = None
+            one = solved(result, point[None], np.ones(1), rtol, quantity)
+        found = one if found is None else joined(found, one)
+        if one.status == "interrupted":
+            break
+    assert found is not None
+    whole = weights[: len(found.germs)]
+    return replace(found, weights=whole / whole.sum())
 
 
 def joined(first: SampleResult, second: SampleResult) -> SampleResult:
@@ -317,16 +355,43 @@ def witnesses(
 ) -> Witnesses:
     """Solve some points that nothing else has seen: 32 and more with more germs."""
     count = 2 ** int(np.ceil(np.log2(max(32, 8 * min(result.space.dimension, 16)))))
+    return _seen(result, quantity, rtol, complete, solved, count, len(TAIL))
+
+
+def few_witnesses(
+    result: ChaosResult,
+    quantity: Wanted,
+    rtol: float,
+    complete: Callable[[SampleResult], None],
+    target: float,
+) -> Witnesses:
+    """Solve each of so few points from nothing as an accuracy asks for: far out on the germs only where a
+    quantity may be as far from a polynomial as would matter (`FAR_OFF` deviations)."""
+    depth = int(np.sum(np.sqrt(target / _shares(TAIL)) <= FAR_OFF))
+    count = FEW if target > FEW_TO else 2 * FEW
+    return _seen(result, quantity, rtol, complete, solved_alone, count, max(depth, 1))
+
+
+def _seen(
+    result: ChaosResult,
+    quantity: Wanted,
+    rtol: float,
+    complete: Callable[[SampleResult], None],
+    solve: Callable[..., SampleResult],
+    count: int,
+    depth: int,
+) -> Witnesses:
+    """Witnesses: `count` that are drawn, and the first `depth` of the tails."""
     points, weights = wide_points(result.space, count, 12345)
     good = _lawful(result.random, points)
     points, weights = points[good], weights[good]
     weights = np.abs(calibrated(result.space, points, weights))
-    lines, shares = _tails(result.space)
+    lines, shares = _tails(result.space, depth)
     good = _lawful(result.random, lines)
     tails = np.concatenate([np.zeros(len(points)), shares[good]])
     points = np.concatenate([points, lines[good]])
     weights = np.concatenate([weights / weights.sum(), np.zeros(int(good.sum()))])
-    samples = solved(result, points, np.ones(len(points)), rtol, quantity)
+    samples = solve(result, points, np.ones(len(points)), rtol, quantity)
     complete(samples)
     return Witnesses(points, weights, tails, quantity.at_end(samples, samples))
 
@@ -367,12 +432,13 @@ def _shares(scores: Array) -> Array:
     return np.asarray(ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half))
 
 
-def _tails(space: RandomSpace) -> tuple[Array, Array]:
-    """Points far out along each germ, the others drawn, and what probability they stand for."""
+def _tails(space: RandomSpace, depth: int = len(TAIL)) -> tuple[Array, Array]:
+    """Points far out along each germ, the others drawn, and what probability they stand for: the first `depth`
+    of either side."""
     dimension = space.dimension
     if dimension > MOST_LINES:
         return np.zeros((0, dimension)), np.zeros(0)
-    scores = np.concatenate([-TAIL[::-1], TAIL])
+    scores = np.concatenate([-TAIL[:depth][::-1], TAIL[:depth]])
     tiny = 2.0**-54
     count = 2 ** int(np.ceil(np.log2(dimension * len(scores))))
     drawn = sobol_points(dimension, count, np.random.default_rng(54321))[: dimension * len(scores)]
