@@ -323,6 +323,7 @@ class _Search:
         self.target = _visible(self.accuracy, self.of_meshes, quantity, result)
         self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
         curved = bool(result.collocations)
+        by_points = curved or self._coupled()
         if quantity is not None:
             if not curved:
                 self._resolve(quantity)
@@ -333,9 +334,9 @@ class _Search:
             if notes:
                 self.target = _visible(self.accuracy, self.of_meshes, quantity, self.result)
             self.of_fields = self._lost(quantity)
-            if not curved:
+            if not by_points:
                 self._look(quantity)
-        if quantity is not None and (curved or not isinstance(quantity, Resultant)):
+        if quantity is not None and (by_points or not isinstance(quantity, Resultant)):
             return self._by_points(quantity)
         left, stalled = self._grow(curved)
         if quantity is None:
@@ -356,6 +357,10 @@ class _Search:
             if not other[1].total >= made.total:
                 return self._of_points(*other)
         return self._found(made)
+
+    def _coupled(self) -> bool:
+        """Whether random fields couple so many modes that single points cost less."""
+        return bool(_points_of_fields(self.result.random)) and self.result.space.dimension > FEW_GERMS
 
     def _resolve(self, quantity: Wanted) -> None:
         """Tighten the tolerance until the deviation is more than the error of the iteration."""
@@ -381,7 +386,7 @@ class _Search:
         if not _points_of_fields(self.result.random):
             return None
         value = self.result.mean_std(quantity)
-        lost = lost_of_fields(self.result, quantity, self._each(), value, complete)
+        lost = lost_of_fields(self.result, quantity, self._each(), value, complete, self.target)
         if lost is None:
             return None
         return ErrorShare(np.nan, lost.mean, lost.std, f"samples of all modes of {lost.of}")
@@ -515,8 +520,9 @@ class _Search:
         result, quantity, rtol = self.result, self.quantity, self.rtol
         complete(result)
         loose = result.error
-        if quantity is not None and (result.collocations or not isinstance(quantity, Resultant)):
-            return  # an answer by points
+        by_points = bool(result.collocations) or not isinstance(quantity, Resultant) or self._coupled()
+        if quantity is not None and by_points:
+            return
         before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))
         if quantity is not None and before is not None and loose > 0.0:

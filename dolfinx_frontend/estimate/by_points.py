@@ -42,7 +42,7 @@ from dolfinx_frontend.plan.price import Way, price, speed
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
-from dolfinx_frontend.results.resultant import Quantile, Wanted
+from dolfinx_frontend.results.resultant import Quantile, Resultant, Wanted
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -259,6 +259,7 @@ class _Samples:
     def __init__(self, result: ChaosResult, quantity: Wanted, rtol: float) -> None:
         self.result, self.quantity, self.rtol = result, quantity, rtol
         self.space = result.space
+        self.smooth = not result.collocations and isinstance(quantity, Resultant)
         self.centre: Array | None = None
         self.samples: SampleResult | None = None
         self.names: list[tuple[int, int, int]] = []
@@ -305,7 +306,8 @@ class _Samples:
     def fit(self) -> Hinged | None:
         """What stands for the quantity."""
         assert self.samples is not None
-        germs, sides = self.samples.germs, sides_of(self.samples)
+        germs = self.samples.germs
+        sides = None if self.smooth else sides_of(self.samples)
         # what is seldom is fitted for more than it weighs: the fit is asked far out, too
         weights = np.sqrt(self.drawn)
         found = hinged(self.space, germs, weights / weights.sum(), self.labels, self.values, sides)
@@ -355,8 +357,13 @@ class _Samples:
     def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
         """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
 
-        That of the last one is made by many points, what the others differ by, which is little, by fewer.
+        Those of polynomials without kinks are exact. Of others that of the last one is made by many points, what
+        the others differ by, which is little, by fewer.
         """
+        if not len(fit.signs) and not isinstance(self.quantity, Quantile):
+            first, rest = fit.coefficients[0, 0], np.sum(fit.coefficients[0, 1:] ** 2, axis=0)
+            off = (first - about[0]) / about[1]
+            return np.column_stack([off, off**2 + rest / about[1] ** 2])[:-1], np.zeros(2)
         count, most = FIRST_COUNT, min(MOST_COUNT, PER_SAMPLE * len(self.values))
         while True:
             of_all = self._integrals(fit, about, count, slice(SETS, None))
@@ -451,10 +458,11 @@ def by_samples(
     result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses | None = None
 ) -> tuple[SampleResult, Errors, tuple[str, ...]]:
     """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity."""
-    # what few points agree on is not believed to many digits: an event of their inverse number is not seen
-    each, most = LEAST_SAMPLES * (1 if target > 3e-3 else 2 if target > 3e-4 else 8), _most_samples(result)
     notes: tuple[str, ...] = ()
     drawn = _Samples(result, quantity, rtol)
+    # what few points agree on is not believed to many digits: an event of their inverse number is not seen
+    fold = 1 if target > 3e-3 or drawn.smooth else 2 if target > 3e-4 else 8
+    each, most = LEAST_SAMPLES * fold, _most_samples(result)
     judged = not isinstance(quantity, Quantile) and target < SEEN_TO
     far: Witnesses | None = None
     while True:

@@ -82,8 +82,8 @@ ALONE, OF_ALL = 48, 8
 AGAIN = 32
 """Points that are solved again to a hundredth of the tolerance, in another order."""
 
-PAIRS = 32
-"""Pairs of samples of what a truncated field leaves out."""
+PAIRS, FEWER_PAIRS, FEWER_TO = 32, 16, 3e-3
+"""Pairs of samples of what a truncated field leaves out, and fewer of them for accuracies down to this."""
 
 MOST_FIELD_MODES = 300
 
@@ -95,6 +95,9 @@ FIRST_PANELS = (-8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0)
 
 POINTS = 4
 """Gauss points of a piece."""
+
+MANY_ROWS = 300
+"""Rows of the interface data from which on a step of Newton's method costs what about 150 iterations do."""
 
 FEW, FEW_TO = 8, 5e-4
 """Witnesses of a rule that are drawn, and the accuracy from which on there are twice as many."""
@@ -275,9 +278,10 @@ def solved_alone(
 ) -> SampleResult:
     """The same, each point from nothing: none can stay where a neighbour is.
 
-    Newton's steps, which cost more than they save here, are taken once a point has failed without.
+    Newton's steps cost more than they save where there are many rows, and are taken then once a point has
+    failed without.
     """
-    plain: int | None = 0 if result.plan.options.newton else None
+    plain = 0 if result.plan.options.newton and result.solver.rows >= MANY_ROWS else None
     found: SampleResult | None = None
     for point in points:
         one = solved(result, point[None], np.ones(1), rtol, quantity, plain)
@@ -489,8 +493,9 @@ def checked_cold(
     result: ChaosResult, samples: SampleResult, quantity: Wanted, values: Array, apart: Array | None = None
 ) -> float:
     """Root mean square difference of some points to the same points solved again to a hundredth of the
-    tolerance, the most important ones, those that stand out and some others from nothing; NaN: one of these
-    did not converge. `apart`: (n,) by how much values differ from what their neighbours say."""
+    tolerance, the most important ones, those that stand out and some others from nothing (of linear laws all
+    together: no state misleads them); NaN: one of these did not converge. `apart`: (n,) by how much values
+    differ from what their neighbours say."""
     weights = samples.probabilities
     weight = np.abs(weights) * (values - weights @ values) ** 2
     ranked = np.argsort(-weight, kind="stable")
@@ -500,13 +505,15 @@ def checked_cold(
         ranked = first[np.sort(np.unique(first, return_index=True)[1])]
     rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
     away = []
-    groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
     others = ranked[CHECKED:]
-    alone = min(ALONE, len(others) // OF_ALL)
-    groups += [point for point in np.random.default_rng(len(ranked)).permutation(others)[:alone, None]]
     some = others[:: max(1, len(others) // AGAIN)]
-    if len(some):
-        groups.append(some)
+    if result.collocations:
+        groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
+        alone = min(ALONE, len(others) // OF_ALL)
+        groups += [point for point in np.random.default_rng(len(ranked)).permutation(others)[:alone, None]]
+        groups += [some] if len(some) else []
+    else:
+        groups = [np.concatenate([ranked[:CHECKED], some])]
     for chosen in groups:
         again = solved(result, samples.germs[chosen], np.ones(len(chosen)), rtol, quantity)
         away += [float(v) for v in quantity.at_end(again, again) - values[chosen]]
@@ -563,20 +570,22 @@ def lost_of_fields(
     rtol: float,
     value: MeanStd,
     complete: Callable[[SampleResult], None],
+    target: float = 0.0,
 ) -> Lost | None:
     """What the modes that fields leave out do to mean and deviation of a quantity, and of which fields.
 
-    Samples of the fields as they are and with all modes that their points resolve, in antithetic pairs.
+    Samples of the fields as they are and with all modes that their points resolve, in antithetic pairs, fewer
+    where a coarse accuracy `target` is asked for.
     None: nothing is left out.
     """
     full = _fuller(result.random)
     if full is None:
         return None
     rng = np.random.default_rng(0)
-    own = result.space
-    points = own.from_uniform(rng.random((PAIRS, own.dimension)))
+    own, pairs = result.space, PAIRS if target < FEWER_TO else FEWER_PAIRS
+    points = own.from_uniform(rng.random((pairs, own.dimension)))
     names = list(full.space.germ_names)
-    at = rng.standard_normal((PAIRS, full.space.dimension))
+    at = rng.standard_normal((pairs, full.space.dimension))
     known = [names.index(name) for name in own.germ_names]
     lost = np.setdiff1d(np.arange(len(names)), known)
     other = at.copy()
@@ -584,7 +593,7 @@ def lost_of_fields(
     for block in (at, other):
         block[:, known] = points
     both = np.concatenate([at, other])
-    good = np.logical_and(_lawful(full, both[:PAIRS]), _lawful(full, both[PAIRS:]))
+    good = np.logical_and(_lawful(full, both[:pairs]), _lawful(full, both[pairs:]))
     if not good.any():
         return Lost(np.nan, np.nan, "fields")
     plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))
