@@ -105,7 +105,7 @@ LOOSEST, LOOSEST_LINEAR, LOOSEST_ALONE = 1e-8, 1e-6, 1e-4
 contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of the points of a
 chain of soft layers). Of points that start from nothing it does not."""
 
-OF_WITNESSES, LOOSEST_WITNESS = 0.06, 1e-3
+OF_WITNESSES = 6e-3
 """Tolerance of the witnesses of a rule, relative to the root of the accuracy of the deviation, as squares of
 what they say count; their errors can only be added to what a rule seems to lack."""
 
@@ -496,7 +496,7 @@ class _Search:
         if result.space.dimension <= FEW_GERMS and not isinstance(quantity, Quantile):
             rtol = self._each(spread, LOOSEST_ALONE)
             of_seen = OF_WITNESSES * float(np.sqrt(self.target)) * spread
-            of_seen = float(np.clip(of_seen, rtol, LOOSEST_WITNESS))
+            of_seen = float(np.clip(of_seen, rtol, LOOSEST_ALONE))
             judges = seen or few_witnesses(result, quantity, of_seen, complete, self.target)
             found = by_rules(result, quantity, self.target, rtol, judges)
             if found is None and result.space.dimension == 1 and result.space.germs[0].capacity is None:

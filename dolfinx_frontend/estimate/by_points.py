@@ -458,11 +458,10 @@ def by_samples(
     result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses | None = None
 ) -> tuple[SampleResult, Errors, tuple[str, ...]]:
     """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity."""
+    # what few points agree on is not believed to many digits: an event of their inverse number is not seen
+    each, most = LEAST_SAMPLES * (1 if target > 3e-3 else 2 if target > 3e-4 else 8), _most_samples(result)
     notes: tuple[str, ...] = ()
     drawn = _Samples(result, quantity, rtol)
-    # what few points agree on is not believed to many digits: an event of their inverse number is not seen
-    fold = 1 if target > 3e-3 or drawn.smooth else 2 if target > 3e-4 else 8
-    each, most = LEAST_SAMPLES * fold, _most_samples(result)
     judged = not isinstance(quantity, Quantile) and target < SEEN_TO
     far: Witnesses | None = None
     while True:

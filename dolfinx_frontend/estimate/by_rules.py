@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.estimate.by_points import of_solved_again
 from dolfinx_frontend.estimate.errors import FINEST, complete, size_of, whole_of
-from dolfinx_frontend.estimate.points import Witnesses, misfit, solved, solved_alone, surrogate
+from dolfinx_frontend.estimate.points import EXACT, Witnesses, misfit, solved, solved_alone, surrogate
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.resultant import Wanted
@@ -154,6 +154,6 @@ def _again(result: ChaosResult, samples: SampleResult, quantity: Wanted, values:
     chosen = list(dict.fromkeys([int(np.argmax(np.abs(weights))), *(int(k) for k in of_std)]))[:AGAIN]
     rtol = max(0.01 * samples.plan.options.rtol, FINEST)
     again = _solved(result, samples.germs[chosen], np.ones(len(chosen)), rtol, quantity)
-    if not again.converged:
+    if again.status not in EXACT:
         return float("nan")
     return float(np.max(np.abs(quantity.at_end(again, again) - values[chosen])))

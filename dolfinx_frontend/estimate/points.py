@@ -35,6 +35,7 @@ from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
 __all__ = [
+    "EXACT",
     "SETS",
     "FIRST_PANELS",
     "POINTS",
@@ -95,6 +96,9 @@ FIRST_PANELS = (-8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0)
 
 POINTS = 4
 """Gauss points of a piece."""
+
+EXACT = "converged", "inexact"
+"""Statuses of points that are as right as doubles allow."""
 
 MANY_ROWS = 300
 """Rows of the interface data from which on a step of Newton's method costs what about 150 iterations do."""
@@ -285,7 +289,7 @@ def solved_alone(
     found: SampleResult | None = None
     for point in points:
         one = solved(result, point[None], np.ones(1), rtol, quantity, plain)
-        if plain is not None and one.status not in ("converged", "interrupted"):
+        if plain is not None and one.status not in (*EXACT, "interrupted"):
             plain = None
             one = solved(result, point[None], np.ones(1), rtol, quantity)
         found = one if found is None else joined(found, one)
