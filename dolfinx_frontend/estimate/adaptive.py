@@ -112,6 +112,9 @@ what they say count; their errors can only be added to what a rule seems to lack
 LOOSE_FIRST = 0.1
 """Tolerance of a first chaos that only says by how much about a quantity scatters."""
 
+MOST_INSTEAD = 1024
+"""Points at most that are tried before a chaos whose modes random fields couple."""
+
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""
 
@@ -316,14 +319,16 @@ class _Search:
             return self._found(not_known(self.result, self.quantity))
 
     def _answer(self, meshes: bool) -> ChaosResult | SampleResult:
-        self._calibrate()
+        complete(self.result)
+        coupled = self._coupled()
+        if not coupled:
+            self._calibrate()
         result, quantity = self.result, self.quantity
         if meshes and self.of_meshes is None:
             self.of_meshes = error_of_meshes(result, quantity)
         self.target = _visible(self.accuracy, self.of_meshes, quantity, result)
-        self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
+        self.rtol = self._tolerance()
         curved = bool(result.collocations)
-        by_points = curved or self._coupled()
         if quantity is not None:
             if not curved:
                 self._resolve(quantity)
@@ -334,9 +339,15 @@ class _Search:
             if notes:
                 self.target = _visible(self.accuracy, self.of_meshes, quantity, self.result)
             self.of_fields = self._lost(quantity)
-            if not by_points:
+            if coupled:
+                found = by_samples(self.result, quantity, self.target, self._each(), most=MOST_INSTEAD)
+                if found[1].total <= self.target:
+                    return self._of_points(*found[:2])
+                self._calibrate()
+                self.rtol = self._tolerance()
+            if not curved:
                 self._look(quantity)
-        if quantity is not None and (by_points or not isinstance(quantity, Resultant)):
+        if quantity is not None and (curved or not isinstance(quantity, Resultant)):
             return self._by_points(quantity)
         left, stalled = self._grow(curved)
         if quantity is None:
@@ -359,8 +370,13 @@ class _Search:
         return self._found(made)
 
     def _coupled(self) -> bool:
-        """Whether random fields couple so many modes that single points cost less."""
-        return bool(_points_of_fields(self.result.random)) and self.result.space.dimension > FEW_GERMS
+        """Whether random fields couple so many modes that some points may cost less."""
+        result, linear = self.result, isinstance(self.quantity, Resultant) and not self.result.collocations
+        return linear and bool(_points_of_fields(result.random)) and result.space.dimension > FEW_GERMS
+
+    def _tolerance(self) -> float:
+        """That a chaos needs."""
+        return float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
 
     def _resolve(self, quantity: Wanted) -> None:
         """Tighten the tolerance until the deviation is more than the error of the iteration."""
@@ -518,11 +534,9 @@ class _Search:
     def _calibrate(self) -> None:
         """Measure, on the first and cheapest chaos, how much worse the quantity is than the energy norm."""
         result, quantity, rtol = self.result, self.quantity, self.rtol
-        complete(result)
         loose = result.error
-        by_points = bool(result.collocations) or not isinstance(quantity, Resultant) or self._coupled()
-        if quantity is not None and by_points:
-            return
+        if quantity is not None and (result.collocations or not isinstance(quantity, Resultant)):
+            return  # an answer by points
         before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))
         if quantity is not None and before is not None and loose > 0.0:

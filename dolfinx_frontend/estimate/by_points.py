@@ -455,11 +455,20 @@ class _Samples:
 
 
 def by_samples(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses | None = None
+    result: ChaosResult,
+    quantity: Wanted,
+    target: float,
+    rtol: float,
+    seen: Witnesses | None = None,
+    most: int = 0,
 ) -> tuple[SampleResult, Errors, tuple[str, ...]]:
-    """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity."""
+    """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity.
+
+    `most`: samples at most, 0: as many as are usual.
+    """
     # what few points agree on is not believed to many digits: an event of their inverse number is not seen
-    each, most = LEAST_SAMPLES * (1 if target > 3e-3 else 2 if target > 3e-4 else 8), _most_samples(result)
+    each = LEAST_SAMPLES * (1 if target > 3e-3 else 2 if target > 3e-4 else 8)
+    most = most or _most_samples(result)
     notes: tuple[str, ...] = ()
     drawn = _Samples(result, quantity, rtol)
     judged = not isinstance(quantity, Quantile) and target < SEEN_TO
