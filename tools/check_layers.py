@@ -189,6 +189,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "points",
         "hinges",
         "by_points",
+        "by_rules",
         "adaptive",
         "levels",
         "finer",

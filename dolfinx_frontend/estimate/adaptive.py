@@ -20,7 +20,8 @@ from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, is
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.memory import available_memory
-from dolfinx_frontend.estimate.by_points import SLOWEST, by_panels, by_rules, by_samples
+from dolfinx_frontend.estimate.by_points import by_panels, by_samples
+from dolfinx_frontend.estimate.by_rules import by_rules
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
@@ -44,7 +45,13 @@ from dolfinx_frontend.estimate.errors import (
     sizes_of,
     whole_of,
 )
-from dolfinx_frontend.estimate.points import Witnesses, lost_of_fields, misfit, witnesses
+from dolfinx_frontend.estimate.points import (
+    Witnesses,
+    few_witnesses,
+    lost_of_fields,
+    misfit,
+    witnesses,
+)
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.price import Way, price
@@ -71,6 +78,9 @@ MOST_ORDER = 8
 STALLED = 0.6
 """A chaos does not converge if mean and deviation change by more than this times the change before."""
 
+SLOWEST = 0.7
+"""Largest factor by which errors are assumed to change from one set of modes to the next."""
+
 FEW_GERMS = 3
 """Most germs that are integrated by tensor rules where a law is nonlinear."""
 
@@ -90,10 +100,20 @@ TIGHT = 3e-3
 """Tolerance of single points, relative to the accuracy of the deviation: a force may be a small part of the
 energy, and the last digits take Newton's method one iteration."""
 
-LOOSEST, LOOSEST_LINEAR = 1e-8, 1e-6
-"""Loosest tolerances of single points, of nonlinear laws and of linear ones: a run that starts from a
-neighbour whose contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of
-the points of a chain of soft layers)."""
+LOOSEST, LOOSEST_LINEAR, LOOSEST_ALONE = 1e-8, 1e-6, 1e-4
+"""Loosest tolerances of points, of nonlinear laws and of linear ones: a run that starts from a neighbour
+whose contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of the
+points of a chain of soft layers). One that starts from nothing does not: the loosest of these."""
+
+OF_WITNESSES = 6e-3
+"""Tolerance of the witnesses of a rule, relative to the root of the accuracy of the deviation, as squares of
+what they say count; their errors can only be added to what a rule seems to lack."""
+
+LOOSE_FIRST = 0.1
+"""Tolerance of a first chaos that only says by how much about a quantity scatters."""
+
+MOST_INSTEAD = 1024
+"""Points at most that are tried before a chaos whose modes random fields couple."""
 
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""
@@ -151,6 +171,8 @@ def solve_to_accuracy(
     if random.every:
         if of_one is not None and active is None and of_one not in random.interfaces:
             active = [of_one]
+        if not meshes and what is not None and not all(i.law.linear for i in problem.interfaces.values()):
+            options = options.with_(rtol=max(options.rtol, LOOSE_FIRST))
         first = first or solve_chaos(
             problem,
             Chaos(order=1, check_points=0),
@@ -297,12 +319,15 @@ class _Search:
             return self._found(not_known(self.result, self.quantity))
 
     def _answer(self, meshes: bool) -> ChaosResult | SampleResult:
-        self._calibrate()
+        complete(self.result)
+        coupled = self._coupled()
+        if not coupled:
+            self._calibrate()
         result, quantity = self.result, self.quantity
         if meshes and self.of_meshes is None:
             self.of_meshes = error_of_meshes(result, quantity)
         self.target = _visible(self.accuracy, self.of_meshes, quantity, result)
-        self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
+        self.rtol = self._tolerance()
         curved = bool(result.collocations)
         if quantity is not None:
             if not curved:
@@ -314,6 +339,12 @@ class _Search:
             if notes:
                 self.target = _visible(self.accuracy, self.of_meshes, quantity, self.result)
             self.of_fields = self._lost(quantity)
+            if coupled:
+                found = by_samples(self.result, quantity, self.target, self._each(), most=MOST_INSTEAD)
+                if found[1].total <= self.target:
+                    return self._of_points(*found[:2])
+                self._calibrate()
+                self.rtol = self._tolerance()
             if not curved:
                 self._look(quantity)
         if quantity is not None and (curved or not isinstance(quantity, Resultant)):
@@ -338,6 +369,15 @@ class _Search:
                 return self._of_points(*other)
         return self._found(made)
 
+    def _coupled(self) -> bool:
+        """Whether random fields couple so many modes that some points may cost less."""
+        result, linear = self.result, isinstance(self.quantity, Resultant) and not self.result.collocations
+        return linear and bool(_points_of_fields(result.random)) and result.space.dimension > FEW_GERMS
+
+    def _tolerance(self) -> float:
+        """That a chaos needs."""
+        return float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
+
     def _resolve(self, quantity: Wanted) -> None:
         """Tighten the tolerance until the deviation is more than the error of the iteration."""
         for _ in range(4):
@@ -359,21 +399,27 @@ class _Search:
 
     def _lost(self, quantity: Wanted) -> ErrorShare | None:
         """What the modes that random fields leave out do."""
+        if not _points_of_fields(self.result.random):
+            return None
         value = self.result.mean_std(quantity)
-        lost = lost_of_fields(self.result, quantity, self._each(), value, complete)
+        lost = lost_of_fields(self.result, quantity, self._each(), value, complete, self.target)
         if lost is None:
             return None
         return ErrorShare(np.nan, lost.mean, lost.std, f"samples of all modes of {lost.of}")
 
-    def _each(self) -> float:
+    def _spread(self) -> float:
+        """What counts of the quantity beside its mean, at most 1."""
+        if self.quantity is None:
+            return 1.0
+        value = self.result.mean_std(self.quantity)
+        whole = max(value.std or 0.0, self.quantity.compared.least)
+        return min(share_of(whole, value.mean), 1.0) or 1e-6
+
+    def _each(self, spread: float | None = None, loosest: float = LOOSEST) -> float:
         """Tolerance of single points: relative to the whole, of which the quantity may scatter little."""
-        spread = 1.0
-        if self.quantity is not None:
-            value = self.result.mean_std(self.quantity)
-            whole = max(value.std or 0.0, self.quantity.compared.least)
-            spread = min(share_of(whole, value.mean), 1.0) or 1e-6
-        loosest = LOOSEST if self.result.collocations else LOOSEST_LINEAR
-        return float(np.clip(TIGHT * self.target * spread, FINEST, loosest))
+        if not self.result.collocations:
+            loosest = LOOSEST_LINEAR
+        return float(np.clip(TIGHT * self.target * (spread or self._spread()), FINEST, loosest))
 
     def _look(self, quantity: Wanted) -> None:
         """Solve the witnesses, which tells what a point costs, too."""
@@ -461,15 +507,19 @@ class _Search:
     def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
         """Solved points instead of a chaos: rules that agree with witnesses, pieces of a single germ, or
         calibrated samples."""
-        result, seen = self.result, self.seen
+        result, seen, spread = self.result, self.seen, self._spread()
+        each = self._each(spread)
         if result.space.dimension <= FEW_GERMS and not isinstance(quantity, Quantile):
-            seen = seen or witnesses(result, quantity, self._each(), complete)
-            found = by_rules(result, quantity, self.target, self._each(), seen)
+            rtol = self._each(spread, LOOSEST_ALONE)
+            of_seen = OF_WITNESSES * float(np.sqrt(self.target)) * spread
+            of_seen = float(np.clip(of_seen, rtol, LOOSEST_ALONE))
+            judges = seen or few_witnesses(result, quantity, of_seen, complete, self.target)
+            found = by_rules(result, quantity, self.target, rtol, judges)
             if found is None and result.space.dimension == 1 and result.space.germs[0].capacity is None:
-                found = by_panels(result, quantity, self.target, self._each())
+                found = by_panels(result, quantity, self.target, each)
             if found is not None:
                 return found
-        made = by_samples(result, quantity, self.target, self._each(), seen)
+        made = by_samples(result, quantity, self.target, each, seen)
         self.notes += made[2]
         return made[:2]
 
@@ -484,7 +534,6 @@ class _Search:
     def _calibrate(self) -> None:
         """Measure, on the first and cheapest chaos, how much worse the quantity is than the energy norm."""
         result, quantity, rtol = self.result, self.quantity, self.rtol
-        complete(result)
         loose = result.error
         if quantity is not None and (result.collocations or not isinstance(quantity, Resultant)):
             return  # an answer by points

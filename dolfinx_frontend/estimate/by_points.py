@@ -1,4 +1,4 @@
-"""Answers by solved points where no chaos does: rules, pieces of one germ, samples."""
+"""Answers by solved points where no chaos and no rule does: pieces of one germ, samples."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from scipy.special import ndtr
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.estimate.errors import (
     FINEST,
-    change_of,
     complete,
     over_ranks,
     size_of,
@@ -33,27 +32,22 @@ from dolfinx_frontend.estimate.points import (
     far_out,
     joined,
     kinks_at_ends,
-    misfit,
     misfit_of_halves,
     moments_of_sets,
     panel_points,
     solved,
-    surrogate,
     wide_points,
 )
 from dolfinx_frontend.plan.price import Way, price, speed
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
-from dolfinx_frontend.results.resultant import Quantile, Wanted
+from dolfinx_frontend.results.resultant import Quantile, Resultant, Wanted
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-__all__ = ["SLOWEST", "by_panels", "by_rules", "by_samples"]
-
-SLOWEST = 0.7
-"""Largest factor by which errors are assumed to change from one set of modes to the next."""
+__all__ = ["by_panels", "by_samples", "of_solved_again"]
 
 MOST_SAMPLES, MOST_CHEAP_SAMPLES, CHEAP = 8192, 65_536, 60.0
 """Samples at most, and where so many take less than that many seconds by their price on the core whose
@@ -61,12 +55,6 @@ rates it has: how many are taken must not depend on what else the machine does."
 
 LEAST_SAMPLES = 16
 """Samples of a set that the search begins with."""
-
-RULES = (3, 5, 7, 9, 12, 16, 20)
-"""Points per germ of the tensor rules that are tried one after the other, at least two of them."""
-
-SUREST = 0.5
-"""Smallest factor by which changes are assumed to fall from rule to rule: at kinks they fall irregularly."""
 
 FORGOTTEN = 0.5
 """Weight of the change of the rule before: with a kink, a change can be small by chance."""
@@ -77,9 +65,6 @@ MOST_HALVINGS = 16
 ENOUGH_FOR_ZERO = 1024
 """Samples after which a mean that cannot be told from 0 is given up."""
 
-KINKED = 4.0 / 3.0
-"""Power of the misfit of a polynomial that the error of its rule is at most: with n points of a germ, a kink
-leaves a misfit of n^(-3/4) or less, and an error of n^-1 in the rule."""
 
 BROKEN_OFF = 1.0 / 6.0
 """A polynomial of a piece of a germ is off by a sixteenth when the piece is halved, at a kink by a half:
@@ -120,8 +105,8 @@ FEWER = 8
 FAR = 3.0
 """Times the target that an error may be before it is worked out."""
 
-MOST_RULE, MOST_TENSOR = 2048, 160
-"""Points at most of pieces, and of a tensor rule: samples beside a polynomial do with no more."""
+MOST_RULE = 2048
+"""Points of pieces at most."""
 
 
 def of_solved_again(
@@ -135,63 +120,6 @@ def of_solved_again(
     """Errors of solved points, some of which were solved again: by how much they were `away`."""
     algebraic = ErrorShare(largest_of(samples.error), away, away, "points solved again, and tighter")
     return Errors(algebraic, truncation, None, quantity, value, whole)
-
-
-def by_rules(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses
-) -> tuple[SampleResult, Errors] | None:
-    """Tensor Gauss rules of rising order, which witnesses must agree with; None: they do not in time."""
-    space = result.space
-    before: MeanStd | None = None
-    changes: list[float] = []
-    for points in RULES:
-        counts = [points if g.capacity is None else min(points, g.capacity) for g in space.germs]
-        rule = space.tensor_gauss(counts)
-        if len(rule.points) > MOST_TENSOR:
-            return None
-        samples = solved(result, rule.points, rule.weights, rtol, quantity)
-        complete(samples)
-        value = samples.mean_std(quantity)
-        if before is not None:
-            values = quantity.at_end(samples, samples)
-            size = size_of(value, quantity)
-            whole = whole_of(value, rtol, quantity) or size
-            changes.append(change_of(before, value, rtol, quantity))
-            # earlier changes count with less weight, and the fall is the mean over all of them
-            change = max(c * FORGOTTEN**k for k, c in enumerate(reversed(changes)))
-            fall = SUREST
-            if len(changes) > 1 and changes[0] > 0.0:
-                mean = (changes[-1] / changes[0]) ** (1.0 / (len(changes) - 1))
-                fall = float(np.clip(mean, SUREST, SLOWEST))
-            left = change * fall / (1.0 - fall)
-            smooth = surrogate(space, counts, rule.points, np.asarray(rule.weights), values)
-            off = misfit(seen, smooth(seen.points), value)
-            spread = value.std or 0.0
-            kinked = share_of(off.size, spread) ** KINKED * spread
-            if not spread > 0.0 and not value.mean:
-                return None  # nothing happens at any point of the rule
-            of_mean = max(left * size, kinked)
-            of_std = max(left * whole, kinked)
-            relative = max(share_of(of_mean, size), share_of(of_std, whole))
-            if relative <= 0.5 * target:
-                outside = f"{len(seen.points)} points outside it"
-                how = f"the change by the last of {points} points per germ, {outside}"
-                away = checked_cold(result, samples, quantity, values)
-                if not away <= 0.3 * target * min(size_of(value, quantity), whole):
-                    return None
-                truncation = ErrorShare(np.nan, of_mean, of_std, how)
-                made = of_solved_again(samples, away, truncation, quantity, value, whole)
-                more = RULES[min(RULES.index(points) + 1, len(RULES) - 1)]
-                count = more**space.dimension
-                seconds = sum(samples.seconds.values()) * count / len(rule.points)
-                return samples, replace(
-                    made, next_halving=f"{more} points per germ, {count} solves, about {seconds:.2g} s"
-                )
-            enough = 7 if space.dimension == 1 else 5
-            if kinked > 5.0 * target * whole and points >= enough:
-                return None  # a kink: more points would not do
-        before = value
-    return None
 
 
 def by_panels(
@@ -328,6 +256,7 @@ class _Samples:
     def __init__(self, result: ChaosResult, quantity: Wanted, rtol: float) -> None:
         self.result, self.quantity, self.rtol = result, quantity, rtol
         self.space = result.space
+        self.smooth = not result.collocations and isinstance(quantity, Resultant)
         self.centre: Array | None = None
         self.samples: SampleResult | None = None
         self.names: list[tuple[int, int, int]] = []
@@ -374,7 +303,8 @@ class _Samples:
     def fit(self) -> Hinged | None:
         """What stands for the quantity."""
         assert self.samples is not None
-        germs, sides = self.samples.germs, sides_of(self.samples)
+        germs = self.samples.germs
+        sides = None if self.smooth else sides_of(self.samples)
         # what is seldom is fitted for more than it weighs: the fit is asked far out, too
         weights = np.sqrt(self.drawn)
         found = hinged(self.space, germs, weights / weights.sum(), self.labels, self.values, sides)
@@ -424,8 +354,13 @@ class _Samples:
     def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
         """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
 
-        That of the last one is made by many points, what the others differ by, which is little, by fewer.
+        Those of polynomials without kinks are exact. Of others that of the last one is made by many points,
+        and what the rest differ by, which is little, by fewer.
         """
+        if not len(fit.signs) and not isinstance(self.quantity, Quantile):
+            first, rest = fit.coefficients[0, 0], np.sum(fit.coefficients[0, 1:] ** 2, axis=0)
+            off = (first - about[0]) / about[1]
+            return np.column_stack([off, off**2 + rest / about[1] ** 2])[:-1], np.zeros(2)
         count, most = FIRST_COUNT, min(MOST_COUNT, PER_SAMPLE * len(self.values))
         while True:
             of_all = self._integrals(fit, about, count, slice(SETS, None))
@@ -517,11 +452,20 @@ class _Samples:
 
 
 def by_samples(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses | None = None
+    result: ChaosResult,
+    quantity: Wanted,
+    target: float,
+    rtol: float,
+    seen: Witnesses | None = None,
+    most: int = 0,
 ) -> tuple[SampleResult, Errors, tuple[str, ...]]:
-    """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity."""
+    """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity.
+
+    `most`: samples at most, 0: as many as are usual.
+    """
     # what few points agree on is not believed to many digits: an event of their inverse number is not seen
-    each, most = LEAST_SAMPLES * (1 if target > 3e-3 else 2 if target > 3e-4 else 8), _most_samples(result)
+    each = LEAST_SAMPLES * (1 if target > 3e-3 else 2 if target > 3e-4 else 8)
+    most = most or _most_samples(result)
     notes: tuple[str, ...] = ()
     drawn = _Samples(result, quantity, rtol)
     judged = not isinstance(quantity, Quantile) and target < SEEN_TO

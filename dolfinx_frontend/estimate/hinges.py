@@ -243,7 +243,12 @@ def _kinks(terms: _Terms, sides: Sequence[Flags]) -> list[Array]:
 
 
 def hinged(
-    space: RandomSpace, points: Array, weights: Array, labels: Ints, values: Array, sides: Sequence[Flags]
+    space: RandomSpace,
+    points: Array,
+    weights: Array,
+    labels: Ints,
+    values: Array,
+    sides: Sequence[Flags] | None,
 ) -> Hinged | None:
     """Hinged polynomials through values (n,) at points (n, L) of the germs, of the degree that serves best.
 
@@ -252,7 +257,7 @@ def hinged(
     weights, labels
         (n,) of sum 1, and the number of the set of every point.
     sides
-        Where to look for kinks: points on one side of what might be one.
+        Where to look for kinks: points on one side of what might be one. None: there are none.
 
     Returns
     -------
@@ -276,7 +281,9 @@ def hinged(
         terms = _Terms(basis.evaluate(points), degrees, weights, scaled)
         if not np.all(np.isfinite(terms.psi)):
             break
-        if order <= SEARCHED:
+        if sides is None:
+            ways = ways or [[]]
+        elif order <= SEARCHED:
             few = _Terms(terms.psi[:FEW], degrees, weights[:FEW] / weights[:FEW].sum(), scaled[:FEW])
             known = (each[:FEW] for way in ways for each in way)
             kinks = _kinks(few, [*(each[:FEW] for each in sides), *known])

@@ -35,6 +35,7 @@ from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
 __all__ = [
+    "EXACT",
     "SETS",
     "FIRST_PANELS",
     "POINTS",
@@ -45,6 +46,7 @@ __all__ = [
     "calibrated",
     "checked_cold",
     "far_out",
+    "few_witnesses",
     "joined",
     "kinks_at_ends",
     "lost_of_fields",
@@ -53,6 +55,7 @@ __all__ = [
     "moments_of_sets",
     "panel_points",
     "solved",
+    "solved_alone",
     "surrogate",
     "wide_points",
     "witnesses",
@@ -80,8 +83,8 @@ ALONE, OF_ALL = 48, 8
 AGAIN = 32
 """Points that are solved again to a hundredth of the tolerance, in another order."""
 
-PAIRS = 32
-"""Pairs of samples of what a truncated field leaves out."""
+PAIRS, FEWER_PAIRS, FEWER_TO = 32, 16, 3e-3
+"""Pairs of samples of what a truncated field leaves out, and fewer of them for accuracies down to this."""
 
 MOST_FIELD_MODES = 300
 
@@ -93,6 +96,18 @@ FIRST_PANELS = (-8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0)
 
 POINTS = 4
 """Gauss points of a piece."""
+
+EXACT = "converged", "inexact"
+"""Statuses of points that are as right as doubles allow."""
+
+MANY_ROWS = 300
+"""Rows of the interface data from which on a step of Newton's method costs what about 150 iterations do."""
+
+FEW, FEW_TO = 8, 5e-4
+"""Witnesses of a rule that are drawn, and the accuracy from which on there are twice as many."""
+
+FAR_OFF = 30.0
+"""Deviations that a quantity may be off the polynomial of a rule where no witness is."""
 
 MOST_LINES = 16
 """Most germs that have such witnesses."""
@@ -233,25 +248,56 @@ def panel_points(panels: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
 
 # --- solves -----------------------------------------------------------------------------------------
 def solved(
-    result: ChaosResult, points: Array, weights: Array, rtol: float, quantity: Wanted | None = None
+    result: ChaosResult,
+    points: Array,
+    weights: Array,
+    rtol: float,
+    quantity: Wanted | None = None,
+    newton: int | None = None,
 ) -> SampleResult:
     """Deterministic solves at points of the germs, from neighbour to neighbour: not started from a chaos.
 
     The tolerance is relative to the whole: what a part scatters by matters as far as the quantity does.
+    `newton`: as of the options, None: as it is; points that fail without these steps are not told of.
     """
-    plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))
-    keep = quantity is not None and quantity.needs_states
+    options = result.plan.options.with_(rtol=rtol)
+    if newton is not None:
+        options = options.with_(newton=newton)
     return sample_on(
         result.solver,
         result.random,
-        plan,
+        replace(result.plan, options=options),
         points,
         weights / weights.sum(),
         "quadrature",
-        keep_states=keep,
+        keep_states=quantity is not None and quantity.needs_states,
         scatter=False,
+        told=newton is None,
         estimator=result.estimator,
     )
+
+
+def solved_alone(
+    result: ChaosResult, points: Array, weights: Array, rtol: float, quantity: Wanted | None = None
+) -> SampleResult:
+    """The same, each point from nothing: none can stay where a neighbour is.
+
+    Newton's steps cost more than they save where there are many rows, and are taken then once a point has
+    failed without.
+    """
+    plain = 0 if result.plan.options.newton and result.solver.rows >= MANY_ROWS else None
+    found: SampleResult | None = None
+    for point in points:
+        one = solved(result, point[None], np.ones(1), rtol, quantity, plain)
+        if plain is not None and one.status not in (*EXACT, "interrupted"):
+            plain = None
+            one = solved(result, point[None], np.ones(1), rtol, quantity)
+        found = one if found is None else joined(found, one)
+        if one.status == "interrupted":
+            break
+    assert found is not None
+    whole = weights[: len(found.germs)]
+    return replace(found, weights=whole / whole.sum())
 
 
 def joined(first: SampleResult, second: SampleResult) -> SampleResult:
@@ -317,16 +363,43 @@ def witnesses(
 ) -> Witnesses:
     """Solve some points that nothing else has seen: 32 and more with more germs."""
     count = 2 ** int(np.ceil(np.log2(max(32, 8 * min(result.space.dimension, 16)))))
+    return _seen(result, quantity, rtol, complete, solved, count, len(TAIL))
+
+
+def few_witnesses(
+    result: ChaosResult,
+    quantity: Wanted,
+    rtol: float,
+    complete: Callable[[SampleResult], None],
+    target: float,
+) -> Witnesses:
+    """Solve each of so few points from nothing as an accuracy asks for: far out on the germs only where a
+    quantity may be as far from a polynomial as would matter (`FAR_OFF` deviations)."""
+    depth = int(np.sum(np.sqrt(target / _shares(TAIL)) <= FAR_OFF))
+    count = FEW if target > FEW_TO else 2 * FEW
+    return _seen(result, quantity, rtol, complete, solved_alone, count, max(depth, 1))
+
+
+def _seen(
+    result: ChaosResult,
+    quantity: Wanted,
+    rtol: float,
+    complete: Callable[[SampleResult], None],
+    solve: Callable[..., SampleResult],
+    count: int,
+    depth: int,
+) -> Witnesses:
+    """Witnesses: `count` that are drawn, and the first `depth` of the tails."""
     points, weights = wide_points(result.space, count, 12345)
     good = _lawful(result.random, points)
     points, weights = points[good], weights[good]
     weights = np.abs(calibrated(result.space, points, weights))
-    lines, shares = _tails(result.space)
+    lines, shares = _tails(result.space, depth)
     good = _lawful(result.random, lines)
     tails = np.concatenate([np.zeros(len(points)), shares[good]])
     points = np.concatenate([points, lines[good]])
     weights = np.concatenate([weights / weights.sum(), np.zeros(int(good.sum()))])
-    samples = solved(result, points, np.ones(len(points)), rtol, quantity)
+    samples = solve(result, points, np.ones(len(points)), rtol, quantity)
     complete(samples)
     return Witnesses(points, weights, tails, quantity.at_end(samples, samples))
 
@@ -367,12 +440,13 @@ def _shares(scores: Array) -> Array:
     return np.asarray(ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half))
 
 
-def _tails(space: RandomSpace) -> tuple[Array, Array]:
-    """Points far out along each germ, the others drawn, and what probability they stand for."""
+def _tails(space: RandomSpace, depth: int = len(TAIL)) -> tuple[Array, Array]:
+    """Points far out along each germ, the others drawn, and what probability they stand for: the first
+    `depth` of either side."""
     dimension = space.dimension
     if dimension > MOST_LINES:
         return np.zeros((0, dimension)), np.zeros(0)
-    scores = np.concatenate([-TAIL[::-1], TAIL])
+    scores = np.concatenate([-TAIL[:depth][::-1], TAIL[:depth]])
     tiny = 2.0**-54
     count = 2 ** int(np.ceil(np.log2(dimension * len(scores))))
     drawn = sobol_points(dimension, count, np.random.default_rng(54321))[: dimension * len(scores)]
@@ -423,8 +497,9 @@ def checked_cold(
     result: ChaosResult, samples: SampleResult, quantity: Wanted, values: Array, apart: Array | None = None
 ) -> float:
     """Root mean square difference of some points to the same points solved again to a hundredth of the
-    tolerance, the most important ones, those that stand out and some others from nothing; NaN: one of these
-    did not converge. `apart`: (n,) by how much values differ from what their neighbours say."""
+    tolerance, the most important ones, those that stand out and some others from nothing (of linear laws all
+    together: no state misleads them); NaN: one of these did not converge. `apart`: (n,) by how much values
+    differ from what their neighbours say."""
     weights = samples.probabilities
     weight = np.abs(weights) * (values - weights @ values) ** 2
     ranked = np.argsort(-weight, kind="stable")
@@ -434,13 +509,15 @@ def checked_cold(
         ranked = first[np.sort(np.unique(first, return_index=True)[1])]
     rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
     away = []
-    groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
     others = ranked[CHECKED:]
-    alone = min(ALONE, len(others) // OF_ALL)
-    groups += [point for point in np.random.default_rng(len(ranked)).permutation(others)[:alone, None]]
     some = others[:: max(1, len(others) // AGAIN)]
-    if len(some):
-        groups.append(some)
+    if result.collocations:
+        groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
+        alone = min(ALONE, len(others) // OF_ALL)
+        groups += [point for point in np.random.default_rng(len(ranked)).permutation(others)[:alone, None]]
+        groups += [some] if len(some) else []
+    else:
+        groups = [np.concatenate([ranked[:CHECKED], some])]
     for chosen in groups:
         again = solved(result, samples.germs[chosen], np.ones(len(chosen)), rtol, quantity)
         away += [float(v) for v in quantity.at_end(again, again) - values[chosen]]
@@ -497,20 +574,22 @@ def lost_of_fields(
     rtol: float,
     value: MeanStd,
     complete: Callable[[SampleResult], None],
+    target: float = 0.0,
 ) -> Lost | None:
     """What the modes that fields leave out do to mean and deviation of a quantity, and of which fields.
 
-    Samples of the fields as they are and with all modes that their points resolve, in antithetic pairs.
+    Samples of the fields as they are and with all modes that their points resolve, in antithetic pairs, fewer
+    where a coarse accuracy `target` is asked for.
     None: nothing is left out.
     """
     full = _fuller(result.random)
     if full is None:
         return None
     rng = np.random.default_rng(0)
-    own = result.space
-    points = own.from_uniform(rng.random((PAIRS, own.dimension)))
+    own, pairs = result.space, PAIRS if target < FEWER_TO else FEWER_PAIRS
+    points = own.from_uniform(rng.random((pairs, own.dimension)))
     names = list(full.space.germ_names)
-    at = rng.standard_normal((PAIRS, full.space.dimension))
+    at = rng.standard_normal((pairs, full.space.dimension))
     known = [names.index(name) for name in own.germ_names]
     lost = np.setdiff1d(np.arange(len(names)), known)
     other = at.copy()
@@ -518,7 +597,7 @@ def lost_of_fields(
     for block in (at, other):
         block[:, known] = points
     both = np.concatenate([at, other])
-    good = np.logical_and(_lawful(full, both[:PAIRS]), _lawful(full, both[PAIRS:]))
+    good = np.logical_and(_lawful(full, both[:pairs]), _lawful(full, both[pairs:]))
     if not good.any():
         return Lost(np.nan, np.nan, "fields")
     plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))

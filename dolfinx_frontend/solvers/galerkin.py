@@ -128,10 +128,9 @@ def _transforms(
         coefficients, indices = random.space.expansion(source, basis)
         forward, values = stochastic.galerkin_transforms(basis, coefficients, indices)
         return forward, values
-    transforms = [
-        stochastic.galerkin_transform(matrix) for matrix in random.space.galerkin_matrices(source, basis)
-    ]
-    return [np.asfortranarray(t.forward) for t in transforms], np.array([t.values for t in transforms])
+    # dense, so that no detour over sparse matrices pays
+    found = [np.linalg.eigh(matrix) for matrix in random.space.galerkin_matrices(source, basis)]
+    return [np.asfortranarray(each.eigenvectors) for each in found], np.array([e.eigenvalues for e in found])
 
 
 def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str, str], Galerkin]:

@@ -231,6 +231,7 @@ def sample_on(
     setup: float = 0.0,
     estimator: Estimator = not_measured,
     scatter: bool = True,
+    told: bool = True,
     ranks: PointRanks | None = None,
 ) -> SampleResult:
     """As :func:`sample`, on a solver that is factorised already.
@@ -243,6 +244,8 @@ def sample_on(
         Seconds that the solver took.
     scatter
         Hold the tolerance by what every part scatters by, too, however little that is.
+    told
+        Log the points that do not converge.
     ranks
         That solve the points together.
     """
@@ -268,7 +271,8 @@ def sample_on(
         ranks.check_same("sampling", header)
 
     def done(point: int, summary: Any) -> None:
-        warn_unconverged("sample", point, summary, solver)
+        if told:
+            warn_unconverged("sample", point, summary, solver)
         step(summary.iterations)
 
     began = perf_counter()
