@@ -12,7 +12,7 @@ namespace latin::algebra {
 namespace {
 
 /// Columns that are eliminated together, and that one thread brings up to date at a time.
-constexpr Index width = 96;
+constexpr Index panel_width = 96;
 /// Operations that take as long as reading a number.
 constexpr double operations_per_number = 16.0;
 
@@ -29,32 +29,32 @@ void DenseLU::factorise(Matrix matrix) {
     return;
   }
   factorise_panel(0);
-  for (Index panel = 0; panel + width < size; panel += width) {
+  for (Index panel = 0; panel + panel_width < size; panel += panel_width) {
     // the next panel first: it is factorised while the other columns are brought up to date
-    const Index rest = size - panel - width;
-    const auto operations = 2.0 * static_cast<double>(rest * rest * width);
-    in_lanes(static_cast<std::size_t>((rest + width - 1) / width),
+    const Index rest = size - panel - panel_width;
+    const auto operations = 2.0 * static_cast<double>(rest * rest * panel_width);
+    in_lanes(static_cast<std::size_t>((rest + panel_width - 1) / panel_width),
              operations / operations_per_number, [&](std::size_t piece) {
-               const Index column = panel + width * (1 + static_cast<Index>(piece));
-               update(panel, column, std::min(width, size - column));
+               const Index column = panel + panel_width * (1 + static_cast<Index>(piece));
+               update(panel, column, std::min(panel_width, size - column));
                if (piece == 0) {
                  factorise_panel(column);
                }
              });
   }
   // rows of L are exchanged as later panels say
-  in_lanes(static_cast<std::size_t>((size + width - 1) / width), static_cast<double>(size * size),
+  in_lanes(static_cast<std::size_t>((size + panel_width - 1) / panel_width), static_cast<double>(size * size),
            [&](std::size_t piece) {
-             const Index column = width * static_cast<Index>(piece);
-             for (Index panel = column + width; panel < size; panel += width) {
-               exchange(panel, column, std::min(width, size - column));
+             const Index column = panel_width * static_cast<Index>(piece);
+             for (Index panel = column + panel_width; panel < size; panel += panel_width) {
+               exchange(panel, column, std::min(panel_width, size - column));
              }
            });
 }
 
 void DenseLU::factorise_panel(Index first) {
   const int rows = static_cast<int>(factors_.rows() - first);
-  const int columns = std::min(static_cast<int>(width), rows);
+  const int columns = std::min(static_cast<int>(panel_width), rows);
   const int stride = static_cast<int>(factors_.rows());
   int info = 0;  // a pivot of zero makes answers that are not finite
   dgetrf_(&rows, &columns, &factors_(first, first), &stride,
@@ -62,7 +62,7 @@ void DenseLU::factorise_panel(Index first) {
 }
 
 void DenseLU::exchange(Index panel, Index column, Index columns) {
-  const Index last = std::min(panel + width, factors_.rows());
+  const Index last = std::min(panel + panel_width, factors_.rows());
   for (Index at = column; at < column + columns; ++at) {
     double* of_column = &factors_(0, at);
     for (Index row = panel; row < last; ++row) {
@@ -73,11 +73,11 @@ void DenseLU::exchange(Index panel, Index column, Index columns) {
 
 void DenseLU::update(Index panel, Index column, Index columns) {
   exchange(panel, column, columns);
-  const Index below = factors_.rows() - panel - width;
-  auto top = factors_.block(panel, column, width, columns);
-  factors_.block(panel, panel, width, width).triangularView<Eigen::UnitLower>().solveInPlace(top);
-  factors_.block(panel + width, column, below, columns).noalias() -=
-      factors_.block(panel + width, panel, below, width) * top;
+  const Index below = factors_.rows() - panel - panel_width;
+  auto top = factors_.block(panel, column, panel_width, columns);
+  factors_.block(panel, panel, panel_width, panel_width).triangularView<Eigen::UnitLower>().solveInPlace(top);
+  factors_.block(panel + panel_width, column, below, columns).noalias() -=
+      factors_.block(panel + panel_width, panel, below, panel_width) * top;
 }
 
 Vector DenseLU::solve_transposed(ConstVectorRef right) const {
@@ -88,7 +88,7 @@ Vector DenseLU::solve_transposed(ConstVectorRef right) const {
   factors_.triangularView<Eigen::Upper>().transpose().solveInPlace(answer);
   factors_.triangularView<Eigen::UnitLower>().transpose().solveInPlace(answer);
   for (Index row = size() - 1; row >= 0; --row) {
-    const Index panel = row - row % width;
+    const Index panel = row - row % panel_width;
     std::swap(answer(row), answer(panel + pivots_[static_cast<std::size_t>(row)] - 1));
   }
   return answer;

@@ -52,7 +52,7 @@ Softening softening_of(const std::array<double, 5>& p, double steepest) {
 }
 
 /// The trial opening in the metric of lambda, normal and tangential, and the products m = c kappa.
-struct Trial {
+struct DebondingTrial {
   std::array<double, 2> squares;
   std::array<double, 2> m;
 
@@ -71,7 +71,7 @@ struct Trial {
 /// With (1 - D) = a (lambda_f - lambda) / lambda the opening is that of the jumps over
 /// g_i(lambda) = lambda + m_i a (lambda_f - lambda): solve |jump / g(lambda)| = 1. The inverse of the
 /// left side is nearly linear (exactly, where both m are the same), so Newton takes a step or few.
-double balanced(const Softening& law, const Trial& trial, double low) {
+double balanced(const Softening& law, const DebondingTrial& trial, double low) {
   const double a = law.first / (law.last - law.first);
   double high = law.last;
   double next = low;
@@ -115,7 +115,7 @@ void Debonding::resolve(PointValues jump, PointValues flexibility, const std::ar
   for (std::size_t a = 1; sheared && a < jump.size(); ++a) {
     slide += ratio * jump[a] * jump[a];
   }
-  const Trial trial{{pull * pull, slide},
+  const DebondingTrial trial{{pull * pull, slide},
                     {flexibility[0] * normal, sheared ? flexibility[1] * tangential : 0.0}};
   double reached = std::max(largest[0], law.first);
   double share = law.intact(largest[0]);

@@ -12,7 +12,7 @@ constexpr double unknown = std::numeric_limits<double>::infinity();
 /// An iterate whose residual has fallen to this share is the next to look back on.
 constexpr double well_below = 0.2;
 /// Distances of iterates that are better than this are rounding, rather than what was wrong with them.
-constexpr double noise = 1e-10;
+constexpr double noise_of_steps = 1e-10;
 
 /// Errors of which the largest is at least so large: where the error is that is not seen is not known.
 Matrix at_least(Matrix errors, double least) {
@@ -69,7 +69,7 @@ Hindsight::Hindsight(Index rows, Index columns) {
 Matrix Hindsight::raised(const Gauge& gauge, const State& state, const Matrix& estimates,
                          double estimate, double residual, const Whole& whole) const {
   Matrix said = estimates;
-  if (estimate < noise) {
+  if (estimate < noise_of_steps) {
     return said;
   }
   for (std::size_t i = 0; i < size_; ++i) {
@@ -82,7 +82,7 @@ Matrix Hindsight::raised(const Gauge& gauge, const State& state, const Matrix& e
 }
 
 void Hindsight::keep(const State& state, double estimate, double residual) {
-  if (!std::isfinite(estimate) || estimate < noise ||
+  if (!std::isfinite(estimate) || estimate < noise_of_steps ||
       (size_ > 0 && residual > well_below * kept_[0].residual)) {
     return;
   }

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
 /// Steps without a better residual before another tangent is tried, and a residual that counts as better.
-constexpr Index patience = 5;
+constexpr Index most_idle_steps = 5;
 constexpr double better = 0.5;
 /// A residual that grew by so much is not followed.
 constexpr double growth = 1e4;
@@ -19,7 +19,7 @@ constexpr Index most_steps = 40;
 /// Shortest step of the line search.
 constexpr double shortest = 0.06;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
-constexpr double rounding = 1e-9;
+constexpr double rounding_of_forces = 1e-9;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
 /// Global stages before an attempt at a column, twice as many before each further one.
@@ -233,9 +233,9 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     if (now.norm < better * column.norm || tie) {
       column = now;
       since = 0;
-    } else if (++since >= patience) {
+    } else if (++since >= most_idle_steps) {
       // no better: rounding, or in circles
-      return column.norm <= std::max(tolerance, rounding * scale_);
+      return column.norm <= std::max(tolerance, rounding_of_forces * scale_);
     }
   }
   return false;

@@ -14,7 +14,7 @@ namespace {
 /// cost as much as a proposal, but no more than so many, or this fraction of all iterations.
 constexpr Index steps_before = 2;
 constexpr double steps_per_unknown = 0.5;
-constexpr double most_steps = 300.0;
+constexpr double most_worth = 300.0;
 constexpr double share_of_iterations = 0.5;
 /// Accelerated steps after Newton's method failed; twice as many after the next time.
 constexpr Index steps_after_failure = 8;
@@ -23,7 +23,7 @@ constexpr double believable = 0.5;
 /// A step so much larger than the data is a body that flies off.
 constexpr double absurd = 1e6;
 /// Below this share of the data the residual need not fall.
-constexpr double settled = 1e-10;
+constexpr double settled_norm = 1e-10;
 
 }  // namespace
 
@@ -37,7 +37,7 @@ NewtonProposal::NewtonProposal(Metric metric, Solver solver, Residual residual)
 void NewtonProposal::begin(bool from_zero, Index unknowns, Index most_iterations) {
   wait_ = steps_before;
   if (!from_zero) {
-    const double cost = std::min(steps_per_unknown * static_cast<double>(unknowns), most_steps);
+    const double cost = std::min(steps_per_unknown * static_cast<double>(unknowns), most_worth);
     const double room = share_of_iterations * static_cast<double>(most_iterations);
     wait_ += static_cast<Index>(std::min(cost, room));
   }
@@ -85,7 +85,7 @@ std::optional<double> NewtonProposal::left(double residual, double data) const {
   if (!whole() || !sane(residual, data)) {
     return std::nullopt;
   }
-  const double share = norm_ > settled * data ? norm_ / residual : 0.0;
+  const double share = norm_ > settled_norm * data ? norm_ / residual : 0.0;
   return share < believable ? std::optional(share) : std::nullopt;
 }
 

@@ -12,7 +12,7 @@ namespace {
 using substructure::Laws;
 using Clock = std::chrono::steady_clock;
 
-constexpr double unknown = std::numeric_limits<double>::infinity();
+constexpr double unknown_error = std::numeric_limits<double>::infinity();
 /// Depth of the history that only observes, where nothing is accelerated. A plain run needs all of it before its
 /// error estimate is believed, an accelerated one a single step: slow parts of an error hide behind fast ones at
 /// first, and snapshots share the errors that were left in all of them.
@@ -35,7 +35,7 @@ constexpr Index steps_from_zero = 2;
 /// Accuracy of what is solved for at once, as a share of that of the run, and how often at most: what rigid laws miss
 /// in one round the next one finds.
 constexpr double coupled_accuracy = 0.01;
-constexpr int most_rounds = 4;
+constexpr int most_scalings = 4;
 /// Accuracy of Newton's method, as a share of that of the run.
 constexpr double newton_accuracy = 1e-3;
 
@@ -69,7 +69,7 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
           metric_of(structure_), amplitudes.cols(),
           (accelerates() ? options.acceleration : observing_depth) + static_cast<Index>(snapshots)),
       stepper_(stages_.fixed_point(), history_, options.relaxation,
-               may_fly(laws) ? longest_step : unknown),
+               may_fly(laws) ? longest_step : unknown_error),
       error_(gauge_of(laws), structure_.rows(), amplitudes.cols(),
              !accelerates()                                            ? observing_depth
              : Verification::possible(laws) && !laws.scales_anywhere() ? 1
@@ -155,14 +155,14 @@ void Run::begin(bool traces_known) {
   if (accelerates() && options_.newton >= 1 && verifies() &&
       Verification::coupled(stages_.laws())) {
     // steps of the check lead on where the bodies are those of its tangents
-    rounds_left_ = stages_.laws().scales_anywhere() ? most_rounds : 1;
+    rounds_left_ = stages_.laws().scales_anywhere() ? most_scalings : 1;
   }
   first_round_ = rounds_left_ > 0;
   if (traces_known) {
     stages_.local(state_.data, state_.traces, residual_);
   } else {
     if (rounds_left_ > 0 && from_zero) {
-      stages_.set_accuracy_of_fields(unknown);  // solved with all other equations
+      stages_.set_accuracy_of_fields(unknown_error);  // solved with all other equations
     }
     evaluate_start();
   }
@@ -304,8 +304,8 @@ Measured Run::verify(Measured measured, bool believed) {
     return measured;
   }
   if (believed && next_check_ > 0.0 && measured.residual > next_check_) {
-    errors_.setConstant(unknown);
-    summary_.error = unknown;
+    errors_.setConstant(unknown_error);
+    summary_.error = unknown_error;
     return measured;
   }
   if (!verification_) {
@@ -383,7 +383,7 @@ Matrix Run::estimate(const Measured& measured) {
     return error_.by_step(newton_.step(), *left, measured);
   }
   if (!error_.ready() || safeguard_.plain()) {
-    return Matrix::Constant(sizes.rows(), sizes.cols(), unknown);
+    return Matrix::Constant(sizes.rows(), sizes.cols(), unknown_error);
   }
   return error_.by_history(history_, state_, measured);
 }

@@ -8,14 +8,14 @@ namespace {
 /// An accelerated residual this much above the best one so far is not followed any further.
 constexpr double growth_before_restart = 10.0;
 /// Accelerated iterations without a better residual before the safeguard steps in.
-constexpr Index patience = 15;
+constexpr Index longest_circle = 15;
 constexpr Index longest_pause = 64;
 
 }  // namespace
 
 bool Safeguard::guard(Index iteration, double norm, double rounding, Iterate at) {
   const bool led_astray = norm > growth_before_restart * best_norm_;
-  const bool circling = iteration - best_at_ > patience && pause_ == 0;
+  const bool circling = iteration - best_at_ > longest_circle && pause_ == 0;
   const bool at_rest = norm <= rounding;
   if (!(led_astray || circling) || at_rest) {
     remember(iteration, norm, at);

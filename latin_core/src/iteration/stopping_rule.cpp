@@ -9,7 +9,7 @@ namespace {
 /// A residual so much larger than the first one is beyond any use.
 constexpr double beyond_use = 1e10;
 /// Progress is a residual or an error that fell to this share of what it was when progress was last seen.
-constexpr double progress = 0.9;
+constexpr double share_of_progress = 0.9;
 
 }  // namespace
 
@@ -29,7 +29,7 @@ std::optional<Status> StoppingRule::judge(const Iteration& iterate, bool interru
   if (iterate.number >= options_.max_iterations) {
     return Status::max_iterations;
   }
-  if (iterate.residual < progress * residual_then_ || iterate.error < progress * error_then_) {
+  if (iterate.residual < share_of_progress * residual_then_ || iterate.error < share_of_progress * error_then_) {
     last_progress_ = iterate.number;
     residual_then_ = std::min(iterate.residual, residual_then_);
     error_then_ = std::min(iterate.error, error_then_);

@@ -13,19 +13,19 @@ using Memory = JoinedSystem::Memory;
 /// Directions that stay when there are too many.
 constexpr Index kept = 60;
 /// Steps of Gauss and Newton between two directions, and the least that one has to bring.
-constexpr Index most_steps = 20;
+constexpr Index most_subspace_steps = 20;
 constexpr double enough = 0.5;
 /// Shortest step of the line search.
-constexpr double shortest = 0.01;
+constexpr double shortest_step = 0.01;
 /// Ridge of the normal equations, relative to their mean.
 constexpr double ridge = 1e-13;
 /// A direction of which so little is left beside the others is none.
-constexpr double dependent = 1e-6;
+constexpr double dependent_column = 1e-6;
 /// A column whose residual is below this share of the data starts where it is.
-constexpr double close = 1e-2;
+constexpr double close_residual = 1e-2;
 /// What a call leaves of a residual, so that its change says what the error was; and what cannot fall.
-constexpr double better = 0.3;
-constexpr double rounding = 1e-12;
+constexpr double better_residual = 0.3;
+constexpr double rounding_of_residuals = 1e-12;
 /// Directions for one column, in one call.
 constexpr Index most_stages = 150;
 
@@ -63,7 +63,7 @@ bool Subspace::improve(Index column, const Memory& before, State& state, double 
   Point point = at(column, before, std::move(state));
   const Index end = stages_ + most;
   for (;;) {
-    for (Index count = 0; count < most_steps && size_ > 0 && point.norm > tolerance; ++count) {
+    for (Index count = 0; count < most_subspace_steps && size_ > 0 && point.norm > tolerance; ++count) {
       if (!step(column, before, point)) {
         break;
       }
@@ -111,7 +111,7 @@ bool Subspace::step(Index column, const Memory& before, Point& point) {
   const double norm = point.norm;
   Point best;
   best.norm = norm;
-  for (double share = 1.0; share >= shortest; share *= 0.5) {
+  for (double share = 1.0; share >= shortest_step; share *= 0.5) {
     Point trial = at(column, before,
                      {point.state.data + share * to_data, point.state.traces + share * to_traces});
     if (trial.norm < best.norm) {
@@ -166,7 +166,7 @@ bool Subspace::add(Matrix data, Matrix traces) {
     traces.col(0) -= traces_.leftCols(size_) * along;
   }
   const double left = norm(data);
-  if (!(left > dependent * before)) {
+  if (!(left > dependent_column * before)) {
     return false;
   }
   data_.col(size_) = data.col(0) / left;
@@ -201,7 +201,7 @@ NewtonOutcome Subspace::solve_all(State& state, const Matrix& amplitudes, double
     }
     State own{state.data.col(column), state.traces.col(column)};
     double start = residual_norm(column, memory, own);
-    if (column % per_history > 0 && start > close * scale) {
+    if (column % per_history > 0 && start > close_residual * scale) {
       // the answer of the step before, under the loads of this one
       State next = under_loads(column, state.data.col(column - 1));
       if (const double norm = residual_norm(column, memory, next); norm < start) {
@@ -209,7 +209,7 @@ NewtonOutcome Subspace::solve_all(State& state, const Matrix& amplitudes, double
         start = norm;
       }
     }
-    const double wanted = std::max(std::min(tolerance * scale, better * start), rounding * scale);
+    const double wanted = std::max(std::min(tolerance * scale, better_residual * start), rounding_of_residuals * scale);
     const bool solved = improve(column, memory, own, wanted, most_stages);
     own = under_loads(column, own.data);
     state.data.col(column) = own.data;

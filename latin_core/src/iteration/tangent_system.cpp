@@ -11,8 +11,8 @@ namespace {
 
 /// Tangents closer than this are the same: they come from differences.
 constexpr double same_tangent = 1e-6;
-constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
-constexpr double modal = with_mu / (1.0 + substructure::Flexibility::mu);
+constexpr double factor_with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
+constexpr double modal = factor_with_mu / (1.0 + substructure::Flexibility::mu);
 constexpr double softening = 1.0 - TangentSystem::softened;
 /// Unknowns of the closed zone for each product that costs as much as one of these in the factorisation: n^2 numbers
 /// read twice against 2/3 n^3 operations in blocks.
@@ -22,7 +22,7 @@ constexpr Index most_products = 60;
 constexpr double krylov_tolerance = 1e-6;
 constexpr double correction_tolerance = 1e-2;
 /// Rows, or columns, of the flexibility that are taken together.
-constexpr Index piece_size = 128;
+constexpr Index rows_of_piece = 128;
 
 }  // namespace
 
@@ -33,8 +33,8 @@ TangentSystem::TangentSystem(const substructure::Flexibility& flexibility,
 Vector TangentSystem::moved(ConstVectorRef y, ConstVectorRef a) const {
   Vector result = shift_.cwiseProduct(y);
   const Matrix& matrix = flexibility_.matrix();
-  in_pieces(result.size(), piece_size, y.size(), [&](Index first, Index count) {
-    result.segment(first, count).noalias() -= with_mu * (matrix.middleRows(first, count) * y);
+  in_pieces(result.size(), rows_of_piece, y.size(), [&](Index first, Index count) {
+    result.segment(first, count).noalias() -= factor_with_mu * (matrix.middleRows(first, count) * y);
   });
   if (a.size() > 0) {
     result.noalias() -= modal * (flexibility_.modal_jumps() * a);
@@ -116,7 +116,7 @@ Vector TangentSystem::solve_factorised(const Vector& right) const {
     Vector response = shift_.cwiseProduct(open);
     for (Index row = 0; row < n; ++row) {
       if (open(row) != 0.0) {
-        response.noalias() -= with_mu * open(row) * flexibility_.matrix().col(row);
+        response.noalias() -= factor_with_mu * open(row) * flexibility_.matrix().col(row);
       }
     }
     reduced.head(closed) += (1.0 - softening) * times(tangent_, response)(rows_);
@@ -156,7 +156,7 @@ void TangentSystem::factorise(const Matrix& tangent) {
         continue;
       }
       const Index at = first + c;
-      const double factor = slope * with_mu / areas(at);
+      const double factor = slope * factor_with_mu / areas(at);
       for (Index j = 0; j < closed; ++j) {
         const Index other = rows_[static_cast<std::size_t>(j)];
         system(j, i) += factor * areas(other) * matrix(other, at);
@@ -170,7 +170,7 @@ void TangentSystem::factorise(const Matrix& tangent) {
     // V^T W E
     system.row(i).tail(count) = -areas(row) * jumps.row(row);
   };
-  in_pieces(closed, piece_size, 2 * closed, [&](Index begin, Index length) {
+  in_pieces(closed, rows_of_piece, 2 * closed, [&](Index begin, Index length) {
     for (Index i = begin; i < begin + length; ++i) {
       fill(i);
     }

@@ -15,7 +15,7 @@ namespace {
 using substructure::Tangent;
 
 /// Steps at most, and how many of them the next is combined with.
-constexpr Index most_steps = 12;
+constexpr Index most_checks = 12;
 constexpr Index depth = 8;
 /// A step below this fraction of the way so far leaves the error known, if it is that much shorter than the last.
 constexpr double shorter = 0.25;
@@ -23,7 +23,7 @@ constexpr double contraction = 0.5;
 /// The same of linear laws, whose steps shorten as the last ones did.
 constexpr double linear_contraction = 0.9;
 /// A step that is no shorter than the last may be this fraction of what is left.
-constexpr double most_left = 20.0;
+constexpr double most_left_over = 20.0;
 /// What the residual falls to with a step that a law has not made useless by another branch.
 constexpr double residual_fall = 0.7;
 /// The same with the tangents of another parameter set, which may not know how soft a law is.
@@ -208,7 +208,7 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
     Matrix moved_on;
     linear_->correct(left, moved_on);
     const Matrix next = whole.relative(gauge_.of_difference(left, moved_on));
-    const double least = negligible * rtol / most_left;
+    const double least = negligible * rtol / most_left_over;
     // tangents of another set leave as much as their stiffnesses differ
     const double left_over = std::max(of_step_left, 1.0 - 1.0 / spread);
     if (!leaks && !everywhere((next.array() <= (left_over * ahead.array()).max(least)).all())) {
@@ -268,7 +268,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   if (at_most_once && !rounding_decides_) {
     return std::nullopt;
   }
-  for (Index count = 0; count <= most_steps; ++count) {
+  for (Index count = 0; count <= most_checks; ++count) {
     borrowed = borrowed && count <= most_borrowed;
     const bool was_borrowed = borrowed;
     try {
@@ -317,7 +317,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       // how much of an error a step leaves, as far as the last two of them say
       const Matrix left = (before.array() > 0.0)
                               .select(ahead.cwiseQuotient(before), 0.0)
-                              .cwiseMin(1.0 - 1.0 / most_left);
+                              .cwiseMin(1.0 - 1.0 / most_left_over);
       Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       if (count == first_of_rounding) {
         least_known = (within_rounding *
@@ -335,7 +335,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       // tangents of another set say nothing where a law has changed its branch
       borrowed = borrowed && linear_->near(stages_.laws(), better_);
       // steps that lead to the answer are as good as those of the run, and better where it stagnates
-      const bool go_on = count < (borrowed ? most_borrowed : most_steps) &&
+      const bool go_on = count < (borrowed ? most_borrowed : most_checks) &&
                          !everywhere((rest.array() <= least_known.array().max(rtol)).all()) &&
                          largest(left) <= bearable_left;
       const bool hides = count < first_of_rounding && largest(hidden) > rtol;

@@ -23,13 +23,11 @@ namespace {
 using Eigen::Vector3d;
 
 /// Slivers below this part of the area of a facet are rounding.
-constexpr double nothing = 1e-15;
+constexpr double no_area = 1e-15;
 /// Quadrilaterals whose opposite edges differ by less than this part of their size are parallelograms.
-constexpr double straight = 1e-12;
+constexpr double straight_sides = 1e-12;
 /// Normals that differ by less are the same.
 constexpr double coplanar = 1e-12;
-
-double cross(const Point2& a, const Point2& b) { return a.x() * b.y() - a.y() * b.x(); }
 
 /// The plane of a piece: its middle, and axes within it.
 struct Plane {
@@ -236,7 +234,7 @@ class PlaneMap {
     if (corners.size() == 4) {
       twist_ = corners[2] - corners[0] - edges_.col(0) - edges_.col(1);
       const double size = edges_.cwiseAbs().rowwise().sum().maxCoeff();
-      affine_ = twist_.cwiseAbs().maxCoeff() < straight * size;
+      affine_ = twist_.cwiseAbs().maxCoeff() < straight_sides * size;
       nearly_ = twist_.cwiseAbs().maxCoeff() < 0.1 * size;
     }
     slope_ = across_ * inverse_;
@@ -788,7 +786,7 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
           continue;
         }
         const double area = std::abs(area_of(common));
-        if (!(area > nothing * whole)) {
+        if (!(area > no_area * whole)) {
           continue;
         }
         const double distance = integrator.over(common, one, two, plane, map1, subject);

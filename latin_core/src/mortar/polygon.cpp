@@ -4,12 +4,6 @@
 
 namespace latin::mortar {
 
-namespace {
-
-double cross(const Point2& a, const Point2& b) { return a.x() * b.y() - a.y() * b.x(); }
-
-}  // namespace
-
 void clip(const Polygon& subject, const Polygon& window, Polygon& common, Polygon& scratch) {
   common = subject;
   for (std::size_t edge = 0; edge < window.size() && !common.empty(); ++edge) {

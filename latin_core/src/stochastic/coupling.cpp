@@ -9,12 +9,6 @@
 #include "latin/stochastic/galerkin.hpp"
 
 namespace latin::stochastic {
-namespace {
-
-std::size_t at(Index i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
-
 Coupling::Coupling(const ChaosBasis& basis, ConstMatrixRef coefficients,
                    const MultiIndexSet& property) {
   if (coefficients.rows() < 1 || coefficients.cols() != property.size()) {

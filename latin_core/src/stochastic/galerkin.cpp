@@ -13,8 +13,6 @@ namespace latin::stochastic {
 
 namespace {
 
-std::size_t at(Index i) { return static_cast<std::size_t>(i); }
-
 /// Rows of the set that agree on all variables outside of `support`: only these are coupled.
 std::vector<std::vector<Index>> lines_along(const MultiIndexSet& set,
                                             const std::vector<Index>& support) {

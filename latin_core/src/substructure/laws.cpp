@@ -12,10 +12,6 @@ namespace {
 /// A law that takes up all but this fraction of a free jump is a perfect connection.
 constexpr double rounding_of_share = 1e-14;
 
-[[noreturn]] void refuse(const std::string& interface, const std::string& why) {
-  throw InputError("interface '" + interface + "': " + why);
-}
-
 void check_shape(const ActiveInterface& interface, const interface::Law& law,
                  const LawParameter& change) {
   for (const auto& info : law.parameters()) {
@@ -26,7 +22,7 @@ void check_shape(const ActiveInterface& interface, const interface::Law& law,
     const Index expected = per_point ? interface.geometry.points : interface.size();
     const Index given = change.values.rows();
     if (given != expected && !(given == 1 && per_point)) {
-      refuse(interface.name(),
+      refuse_interface(interface.name(),
              "parameter '" + change.parameter + "' has " + std::to_string(given) +
                  " rows, expected " + std::to_string(expected) +
                  (per_point ? " (one a point) or 1" : " (one a point and component)"));
@@ -37,7 +33,7 @@ void check_shape(const ActiveInterface& interface, const interface::Law& law,
 void check_groups(const ActiveInterface& interface, const std::vector<LawColumns>& groups) {
   const auto demand = [&interface](bool holds, const std::string& what) {
     if (!holds) {
-      refuse(interface.name(), "column transforms: " + what);
+      refuse_interface(interface.name(), "column transforms: " + what);
     }
   };
   const Index points = interface.geometry.points;
@@ -77,7 +73,7 @@ std::vector<std::shared_ptr<const interface::Law>> laws_of_groups(
       try {
         own->set(parameter, field, interface::Law::Range::any);
       } catch (const InputError& error) {
-        refuse(name, error.what());
+        refuse_interface(name, error.what());
       }
     }
     laws.push_back(std::move(own));
@@ -133,12 +129,12 @@ void check_fields(const ActiveInterface& interface, const interface::Law& law, I
     const Index rows = per_point ? interface.geometry.points : interface.size();
     if (values.rows() != 1 &&
         values.rows() != rows) {  // of a transform; others are checked when they are set
-      refuse(interface.name(), "parameter '" + info.name + "' has " +
+      refuse_interface(interface.name(), "parameter '" + info.name + "' has " +
                                    std::to_string(values.rows()) + " rows, expected " +
                                    std::to_string(rows) + " or 1");
     }
     if (values.cols() != 1 && values.cols() != columns) {
-      refuse(interface.name(), "parameter '" + info.name + "' has " +
+      refuse_interface(interface.name(), "parameter '" + info.name + "' has " +
                                    std::to_string(values.cols()) + " columns where the law sees " +
                                    std::to_string(columns) + ": give that many or one");
     }
@@ -193,7 +189,7 @@ Laws Laws::with(std::map<std::size_t, ActiveLaw> changed) const {
 const Matrix& Laws::parameter(const std::string& interface, const std::string& parameter) const {
   const interface::Law& law = *of(structure_->find_interface(interface)).law;
   if (std::ranges::count(law.parameters(), parameter, &interface::Law::ParameterInfo::name) == 0) {
-    refuse(interface, "its law '" + law.name() + "' has no parameter '" + parameter + "'");
+    refuse_interface(interface, "its law '" + law.name() + "' has no parameter '" + parameter + "'");
   }
   return law.get(parameter).values();
 }
@@ -340,7 +336,7 @@ void Laws::check_columns(Index columns) const {
       const LawColumns& group = (*active.groups)[g];
       if (!group.transforms.empty() &&
           group.transforms.front().forward.rows() * steps_ != columns) {
-        refuse(interface.name(), "column transforms of " +
+        refuse_interface(interface.name(), "column transforms of " +
                                      std::to_string(group.transforms.front().forward.rows()) +
                                      " modes do not fit " + std::to_string(columns / steps_));
       }
@@ -372,10 +368,10 @@ ActiveLaw Laws::with_parameters(std::size_t i,
     try {
       law->set(change->parameter, interface::ParameterField(change->values));
     } catch (const InputError& error) {
-      refuse(interface.name(), error.what());
+      refuse_interface(interface.name(), error.what());
     }
     if (of(i).gives(change->parameter)) {
-      refuse(interface.name(), "parameter '" + change->parameter +
+      refuse_interface(interface.name(), "parameter '" + change->parameter +
                                    "' is given by the transforms of its columns: set those anew, "
                                    "or take them away first");
     }
@@ -635,7 +631,7 @@ Laws Laws::repeated(Index sets) const {
   for (std::size_t i = 0; i < active_->size(); ++i) {
     const interface::Law& own = *of(i).law;
     if (of(i).transformed()) {
-      refuse(structure_->interface(i).name(),
+      refuse_interface(structure_->interface(i).name(),
              "parameter sets are not solved side by side where columns are transformed");
     }
     std::shared_ptr<interface::Law> law;

@@ -17,7 +17,7 @@ constexpr double above_rounding = 30.0;
 /// A step is measured with this fraction of the largest step at least; a fluctuation below this one of the mean is
 /// none, and is measured with the mean.
 constexpr double quiet = 1e-9;
-constexpr double still = 5e-7;
+constexpr double still_motion = 5e-7;
 /// Faces that move less than this, relative to what strains the body or to what their forces might do to it, are
 /// held: they have no size of their own. Neither has a strain below the second, of a body that is held all around.
 constexpr double held = 1e-3;
@@ -118,7 +118,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       const auto own = [&](const Matrix& sizes) {
         return std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
       };
-      const auto still_part = [&](const Matrix& sizes) { return square(still) * sizes(g - 1, b); };
+      const auto still_part = [&](const Matrix& sizes) { return square(still_motion) * sizes(g - 1, b); };
       // an iterate may not yet have the fluctuation that the answer has
       const auto is_none = [&](const Matrix& sizes, double wrong) {
         return g % kinds > 0 && std::max(own(sizes), wrong) < still_part(sizes);

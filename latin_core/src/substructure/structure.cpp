@@ -22,21 +22,17 @@ constexpr double unseen = 1e-6;
 /// A factor of n numbers takes about n^1.4 operations (grids, in three dimensions).
 constexpr double operations_of_numbers = 1.4;
 
-[[noreturn]] void refuse(const std::string& interface, const std::string& why) {
-  throw InputError("interface '" + interface + "': " + why);
-}
-
 void check_side(const InterfaceDescription& interface, const SideDescription& side) {
   if (side.direction.size() != interface.frames.rows()) {
-    refuse(interface.name, "search direction has " + std::to_string(side.direction.size()) +
+    refuse_interface(interface.name, "search direction has " + std::to_string(side.direction.size()) +
                                " values for " + std::to_string(interface.frames.rows()) + " rows");
   }
   if (!(side.scale > 0.0) || !std::isfinite(side.scale)) {
-    refuse(interface.name,
+    refuse_interface(interface.name,
            "scale is " + std::to_string(side.scale) + ": give modulus / length of the part, > 0");
   }
   if (!(side.direction.array() > 0.0).all() || !side.direction.allFinite()) {
-    refuse(interface.name, "search direction must be positive and finite (got " +
+    refuse_interface(interface.name, "search direction must be positive and finite (got " +
                                std::to_string(side.direction.minCoeff()) + ")");
   }
 }
@@ -49,7 +45,7 @@ void check_frames(const InterfaceDescription& interface) {
     const auto frame = interface.frames.middleRows(components * point, components);
     const Matrix products = frame * frame.transpose();
     if (!products.isIdentity(rounded)) {
-      refuse(interface.name,
+      refuse_interface(interface.name,
              "the frame of point " + std::to_string(point) +
                  " has rows that are no unit vectors at right angles: give the normal "
                  "out of side 1, then tangents");
@@ -59,23 +55,23 @@ void check_frames(const InterfaceDescription& interface) {
 
 void check_interface(const InterfaceDescription& interface, const auto& is_here) {
   if (interface.sides.empty() || interface.sides.size() > 2) {
-    refuse(interface.name,
+    refuse_interface(interface.name,
            std::to_string(interface.sides.size()) + " sides: give one (boundary) or two");
   }
   if (interface.weights.size() == 0 || !(interface.weights.array() > 0.0).all() ||
       !interface.weights.allFinite()) {
-    refuse(interface.name, "weights must be positive areas, one a point");
+    refuse_interface(interface.name, "weights must be positive areas, one a point");
   }
   if (interface.frames.rows() % interface.weights.size() != 0 || interface.frames.size() == 0 ||
       !interface.frames.allFinite()) {
-    refuse(interface.name, std::to_string(interface.frames.rows()) + " frame rows for " +
+    refuse_interface(interface.name, std::to_string(interface.frames.rows()) + " frame rows for " +
                                std::to_string(interface.weights.size()) +
                                " points: give the components of every point, finite");
   }
   check_frames(interface);
   if (interface.basis.size() > 0 &&
       (interface.basis.rows() != interface.frames.rows() || !interface.basis.allFinite())) {
-    refuse(interface.name, "a coarse basis of " + std::to_string(interface.basis.rows()) +
+    refuse_interface(interface.name, "a coarse basis of " + std::to_string(interface.basis.rows()) +
                                " rows, expected " + std::to_string(interface.frames.rows()) +
                                ", finite");
   }
@@ -161,7 +157,7 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
     return owner == owners.end() || owner->second.rank == communicator_.rank();
   });
   if (has_interface(name)) {
-    refuse(name, "there are two of this name");
+    refuse_interface(name, "there are two of this name");
   }
   const Index points = description.weights.size();
   const Index components = description.frames.rows() / points;
@@ -175,11 +171,11 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
     SideDescription& side = description.sides[s];
     const auto owner = owners.find(side.member);
     if (owner == owners.end()) {
-      refuse(name, "unknown substructure '" + side.member + "'");
+      refuse_interface(name, "unknown substructure '" + side.member + "'");
     }
     if (owner->second.rank != communicator_.rank()) {
       if (entry.shared() || description.sides.size() == 1) {
-        refuse(name, "no side of it is on rank " + std::to_string(communicator_.rank()));
+        refuse_interface(name, "no side of it is on rank " + std::to_string(communicator_.rank()));
       }
       entry.away = {s, owner->second.rank};
       continue;
@@ -192,7 +188,7 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
     sides.owner[place.body].emplace_back(interfaces_.size(), s);
   }
   if (description.paired && !entry.geometry.law->linear()) {
-    refuse(name, "law '" + entry.geometry.law->name() + "' is nonlinear and cannot be paired");
+    refuse_interface(name, "law '" + entry.geometry.law->name() + "' is nonlinear and cannot be paired");
   }
   entry.basis = std::move(description.basis);
   entry.paired = description.paired;
@@ -268,7 +264,7 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
           all = Matrix::Zero(bodies_[b].rows(), own.cols());
         }
         if (own.rows() != (own.cols() > 0 ? interface.size() : 0) || own.cols() != all.cols()) {
-          refuse(interface.name(),
+          refuse_interface(interface.name(),
                  "motions of the body do not fit: give as many on each of its sides");
         }
         if (own.cols() > 0) {

@@ -28,7 +28,7 @@ constexpr double stiffest_rigid = 1.0 - 1e-12;
 constexpr double off_springs = 1e-3;
 constexpr double springs_beside_nodes = 1e7;
 /// Slopes closer than this are the same: they may come from differences.
-constexpr double same = 1e-6;
+constexpr double same_slope = 1e-6;
 /// Where more of the matrix is filled than this, it is dense.
 constexpr double filled = 0.3;
 /// Springs below this, relative to the search direction, are rounding of the body's stiffness.
@@ -36,7 +36,7 @@ constexpr double of_rounding = 1e-14;
 /// Sums that springs glued into a body round in, until it is condensed.
 constexpr double glued_sums = 10.0;
 /// Steps of conjugate gradients at most.
-constexpr Index most_gradients = 60;
+constexpr Index most_search_gradients = 60;
 /// Steps that there will be at least, usually.
 constexpr Index some_gradients = 8;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies.
@@ -62,7 +62,7 @@ Matrix tangent_of(const Matrix& slope, const Vector& flexibility, double rigid) 
 bool of_springs(const Matrix& tangent) {
   return tangent.diagonal().minCoeff() >= 0.0 &&
          (tangent - tangent.transpose()).cwiseAbs().maxCoeff() <=
-             same * tangent.cwiseAbs().maxCoeff();
+             same_slope * tangent.cwiseAbs().maxCoeff();
 }
 
 SparseRows from(const Triplets& entries, Index rows, Index columns) {
@@ -223,7 +223,7 @@ void Tangent::set_tangents(
       for (Index a = 0; a < components; ++a) {
         symmetric_ = symmetric_ && tangent(a, a) >= 0.0;
         for (Index b = 0; b < components; ++b) {
-          symmetric_ = symmetric_ && std::abs(tangent(a, b) - tangent(b, a)) <= same * size;
+          symmetric_ = symmetric_ && std::abs(tangent(a, b) - tangent(b, a)) <= same_slope * size;
           if (tangent(a, b) != 0.0) {
             const double entry = areas_(first) * tangent(a, b);
             entries.emplace_back(static_cast<int>(first + a), static_cast<int>(first + b), entry);
@@ -328,7 +328,7 @@ Matrix Tangent::solve(const Matrix& load) {
 
 void Tangent::factorise(const Matrix& slopes, double hold) {
   if (hold == hold_ && slopes_.size() == slopes.size() &&
-      ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <= same) {
+      ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <= same_slope) {
     return;
   }
   hold_with(hold);
@@ -604,7 +604,7 @@ Matrix Tangent::correct_each(const std::vector<Matrix>& slopes, const Matrix& ba
     size = left.cwiseProduct(preconditioned).colwise().sum();
   }
   Matrix direction = preconditioned;
-  for (Index count = 0; count < most_gradients && (size.array() > enough.array()).any(); ++count) {
+  for (Index count = 0; count < most_search_gradients && (size.array() > enough.array()).any(); ++count) {
     multiply(direction, forces);
     const Eigen::RowVectorXd work = direction.cwiseProduct(forces).colwise().sum();
     const Eigen::RowVectorXd share = (work.array() > 0.0).select(size.cwiseQuotient(work), 0.0);

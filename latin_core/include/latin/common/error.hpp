@@ -20,4 +20,9 @@ class LATIN_SHARED NumericalError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Throws an InputError that names the interface.
+[[noreturn]] inline void refuse_interface(const std::string& name, const std::string& why) {
+  throw InputError("interface '" + name + "': " + why);
+}
+
 }  // namespace latin

@@ -22,6 +22,9 @@ void clip(const Polygon& subject, const Polygon& window, Polygon& common, Polygo
 /// Common part of two intervals on a line; empty if they only touch.
 void clip_intervals(const Polygon& subject, const Polygon& window, Polygon& common);
 
+/// Third component of the product of two vectors of a plane.
+inline double cross(const Point2& a, const Point2& b) { return a.x() * b.y() - a.y() * b.x(); }
+
 /// Signed area (counter-clockwise > 0) of a polygon, signed length of an interval.
 [[nodiscard]] double area_of(const Polygon& polygon);
 

@@ -6,6 +6,9 @@
 
 namespace latin::stochastic {
 
+/// An index of Eigen as one of the standard containers.
+inline std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+
 /// T_i(j, k) = E[psi_i psi_j psi_k] of one germ for i <= `first` and j, k <= `second`: `first` + 1
 /// matrices of size `second` + 1. Exact Gauss quadrature; what vanishes by degree or symmetry is
 /// exactly 0.
