@@ -36,7 +36,7 @@ class Interrupt:
     Parameters
     ----------
     holds
-        False: Ctrl-C raises until :meth:`hold` is called, because there is nothing yet that could be returned.
+        False: Ctrl-C raises until :meth:`hold` is called: there is nothing yet that could be returned.
     alone
         Whether no other rank waits for this one, so that the work may end anywhere.
 

@@ -71,6 +71,7 @@ from dolfinx_frontend.uncertainty.fields import DiscretisedField
 __all__ = [
     "NOT_YET",
     "as_solved",
+    "kept_for",
     "of_power",
     "solve_to_accuracy",
     "so_far",
@@ -167,7 +168,7 @@ def solve_to_accuracy(
     check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
     checked_flag("solve", "meshes", meshes)
     what = compared_with(interest(problem.interfaces, quantity), compared)
-    of_one = what.interface if isinstance(what, Resultant) else None
+    of_one = None if what is None else what.interface
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
     random = RandomLaws.of(problem)
@@ -188,10 +189,19 @@ def solve_to_accuracy(
             complete(first)  # a search for meshes has something better
         with Interrupt(alone=problem.comm is None):
             return _Search(first, accuracy, what, known).answer(meshes)
-    plan = make_plan(problem, method, active, (), direction, options, times=times)
+    plan = make_plan(problem, method, kept_for(what, method, active), (), direction, options, times=times)
     result = solve_once(problem, plan, estimator=errors)
     what, notes = beside_what_acts(result, what)
     return tight_enough(result, accuracy, what, meshes, known, notes)
+
+
+def kept_for(
+    quantity: Wanted | None, method: Method, active: Sequence[str] | Literal["all"] | None
+) -> Sequence[str] | Literal["all"] | None:
+    """What a plan is to keep: of an interface that is assembled across there are resultants only."""
+    if active is not None or method == "latin" or not isinstance(quantity, Measure):
+        return active
+    return None if quantity.interface is None else [quantity.interface]
 
 
 def tight_enough(
@@ -361,7 +371,7 @@ class _Search:
         if isfinite(self.left):
             made = _errors_of_chaos(self.result, quantity, self.left, self.gain)
         made = replace(made, field=self.of_fields)
-        if self.seen is None or not isinstance(quantity, Resultant | Measure):
+        if self.seen is None or not isinstance(quantity, Resultant):
             return made
         return self._with_witnesses(made, quantity, self.seen)
 

@@ -140,6 +140,10 @@ def of_solved_again(
     return Errors(algebraic, truncation, None, quantity, value, whole)
 
 
+UNCONFIRMED = 1.5
+"""Times what they say themselves that the errors of points are taken for when Ctrl-C ends the search: answers
+are believed by a like margin below what is asked for, and after more points far out."""
+
 Keep = Callable[[SampleResult, Errors], None]
 """Takes points that are solved, and what is known of their errors, while more are."""
 
@@ -147,7 +151,11 @@ Keep = Callable[[SampleResult, Errors], None]
 def so_far(
     samples: SampleResult, truncation: ErrorShare, quantity: Wanted, value: MeanStd, whole: float
 ) -> Errors:
-    """Errors of solved points of which none was solved again yet."""
+    """Errors of solved points that nothing has confirmed yet, and of which none was solved again."""
+    of_mean, of_std = (
+        None if each is None else UNCONFIRMED * each for each in (truncation.quantity, truncation.std)
+    )
+    truncation = replace(truncation, quantity=of_mean, std=of_std)
     of_points = of_iteration(largest_of(samples.error), value)
     return Errors(of_points, truncation, None, quantity, value, whole)
 

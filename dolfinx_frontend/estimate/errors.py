@@ -72,7 +72,7 @@ DROPPED = 0.02
 """Predicted variance of modes that may be left out, relative to the accuracy of the moments. Moments change
 with the square of such modes, and the prediction of a mode may be wrong by a factor of three."""
 
-INTERRUPTED = "interrupted (Ctrl-C): errors are as far as they were measured by then; one that is not known was not"
+INTERRUPTED = "interrupted (Ctrl-C): its errors as far as they were measured by then"
 UNKNOWN = 0.3
 """Assumed decay of the modes from one degree to the next where it cannot be measured."""
 

@@ -30,6 +30,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted
 from dolfinx_frontend.estimate.adaptive import (
     as_solved,
+    kept_for,
     so_far,
     solve_to_accuracy,
     tight_enough,
@@ -251,6 +252,7 @@ class _Meshes(Judged):
             others = {name: each for name, each in problem.interfaces.items() if name not in soft}
             problem = assembled_again(self.scene, replace(problem, interfaces=others), comm=self.comm)
         self.quantity = compared_with(interest(problem.interfaces, self.asked_for), self.compared)
+        settings["active"] = kept_for(self.quantity, method, settings["active"])
         self.random = bool(RandomLaws.of(problem).every)
         self.first = problem
         curved = any(not each.law.linear for each in problem.interfaces.values())

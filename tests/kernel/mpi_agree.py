@@ -66,6 +66,8 @@ def differ() -> None:
     # functions are the same if their code and what they enclose is
     chain(UserLaw(force=lambda jump: 100.0 * jump, name="linear"))
     raises(lambda: chain(UserLaw(force=lambda jump, c=1.0 + RANK: c * jump, name="linear")), "'j1' differs")
+    caught = [lambda jump, c=c: c * jump for c in (1.0 + RANK,)][0]
+    raises(lambda: chain(UserLaw(force=caught, name="linear")), "force, its defaults = (1.0,)", "mpi_agree.py>")
     chain(stiff, loads=lambda x: 0.01 * x)
 
     problem = chain(Elastic(normal=LogNormal("k", 100.0, cov=0.2), tangential=50.0), count=4)
