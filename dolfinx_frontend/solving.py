@@ -279,8 +279,8 @@ def solve(
             **settings,
         )
     if isinstance(problem, Scene):
-        to_do = "assemble the scene first: assemble(scene); or say how accurate the answer is to be, whose meshes "
-        to_do += "are then made for it: solve(scene, accuracy=1e-2, quantity=...)"
+        to_do = "assemble the scene first: assemble(scene); or say how accurate the answer is to be, whose "
+        to_do += "meshes are then made for it: solve(scene, accuracy=1e-2, quantity=...)"
         check_kind("solve", "problem", problem, Problem, to_do)
     check_problem("solve", problem, plan)
     assert isinstance(problem, Problem)  # a scene was refused

@@ -498,11 +498,11 @@ class _Search:
         fields = self.result.at(seen.points)
         found = misfit(seen, quantity.at_end(self.result, fields), self.result.mean_std(quantity))
         assert made.truncation is not None
-        of_mean, of_std = made.truncation.quantity or 0.0, made.truncation.std or 0.0
-        how = f"the change by the last modes, and {len(seen.points)} points solved on their own"
         # what is not known of the modes is left to the points
-        both = (float(np.fmax(one, other)) for one, other in ((of_mean, found.mean), (of_std, found.std)))
-        return replace(made, truncation=ErrorShare(np.nan, *both, how))
+        of_mean = float(np.fmax(made.truncation.quantity or 0.0, found.mean))
+        of_std = float(np.fmax(made.truncation.std or 0.0, found.std))
+        how = f"the change by the last modes, and {len(seen.points)} points solved on their own"
+        return replace(made, truncation=ErrorShare(np.nan, of_mean, of_std, how))
 
     def _wider(self) -> Chaos | None:
         """The chaos with the modes that an accuracy ten times tighter would want, and the next degree in

@@ -182,7 +182,7 @@ class _Meshes(Judged):
         known = self._of_random()
         assert known is not None
         problem = self.problem if same else None
-        notes = (INTERRUPTED,)
+        notes: tuple[str, ...] = (INTERRUPTED,)
         if self.fine is not None and self.fine.samples.problem is problem:
             made = self.fine.made
             return with_errors(self.fine.samples, made, self.accuracy, known, (*made.notes, *notes))
