@@ -68,7 +68,8 @@ def differ() -> None:
     raises(lambda: chain(Elastic(normal=np.array([1.0, 2.0 + RANK]), tangential=1.0)), "'j1' differs")
     # functions are the same if their code and what they enclose is
     chain(UserLaw(force=lambda jump: 100.0 * jump, name="linear"))
-    raises(lambda: chain(UserLaw(force=lambda jump, c=1.0 + RANK: c * jump, name="linear")), "'j1' differs", TOLD)
+    varied = UserLaw(force=lambda jump, c=1.0 + RANK: c * jump, name="linear")
+    raises(lambda: chain(varied), "'j1' differs", TOLD)
     chain(stiff, loads=lambda x: 0.01 * x)
 
     problem = chain(Elastic(normal=LogNormal("k", 100.0, cov=0.2), tangential=50.0), count=4)
