@@ -18,6 +18,7 @@ from mpi4py import MPI
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.checks import (
+    check_kind,
     check_optional_kind,
     checked_flag,
     checked_number,
@@ -207,7 +208,9 @@ def solve(
         converge, a :class:`SampleResult`.
     quantity
         Of which: a :class:`Resultant` (if random, of its mean and of its standard deviation), the name of an
-        interface (its normal force), or ``"energy"`` (None).
+        interface (its normal force), a number of the tables by name (``"joint.pressure_max"``, see
+        :meth:`Result.quantity`), a :class:`Quantile`, a function of the fields (:class:`Measure`), or
+        ``"energy"`` (None).
     absolute
         Of the quantity, in its unit, > 0: an error (of mean or deviation) below it is small enough, whatever
         `accuracy` says; for what may be zero.
@@ -240,7 +243,9 @@ def solve(
         A Galerkin stiffness is indefinite.
     KeyboardInterrupt
         At a second Ctrl-C, or during the factorisation. The first one ends the iteration within one step,
-        with the status ``"interrupted"`` and a warning in the log.
+        with the status ``"interrupted"`` and a warning in the log. With an accuracy, once something is
+        solved, it ends the search: the best answer so far comes back, and ``result.errors()`` says in its
+        notes that it was interrupted and has the errors as far as they are known.
 
     Warns
     -----
@@ -253,6 +258,7 @@ def solve(
     check_optional_kind("solve", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
     if comm == MPI.COMM_NULL:
         raise SceneError("solve: comm is MPI.COMM_NULL, or was freed; give another, or None")
+    checked_flag("solve", "meshes", meshes)
     if isinstance(problem, Scene) and accuracy is not None:
         given_too = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in (given_too | {"meshes": None if meshes else meshes}).items():
@@ -272,6 +278,10 @@ def solve(
             comm=comm,
             **settings,
         )
+    if isinstance(problem, Scene):
+        to_do = "assemble the scene first: assemble(scene); or say how accurate the answer is to be, whose "
+        to_do += "meshes are then made for it: solve(scene, accuracy=1e-2, quantity=...)"
+        check_kind("solve", "problem", problem, Problem, to_do)
     check_problem("solve", problem, plan)
     assert isinstance(problem, Problem)  # a scene was refused
     if comm is not None:
@@ -282,7 +292,6 @@ def solve(
     given = {"plan": plan is None, "start": start is None, "meshes": meshes, "callback": callback is None}
     check_settings("solve", plan, method, **settings)
     checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
-    checked_flag("solve", "meshes", meshes)
     start_states(start)
     problem.check_alike("solve", laws=True, method=method, **told, **given, **settings)
     if accuracy is not None:

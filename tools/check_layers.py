@@ -39,6 +39,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "describe",
         "checks",
         "progress",
+        "interrupts",
         "release",
         "compat",
         "clipping",

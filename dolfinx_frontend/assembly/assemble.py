@@ -45,6 +45,7 @@ from dolfinx_frontend.assembly.substructure import Substructure, discretise, sum
 from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
@@ -139,6 +140,7 @@ def _checked_assembly(
     with Bar(count, "assemble", "item", progress is None and first) as bar:
 
         def say(line: str) -> None:
+            stop_if_pressed()
             bar.step()
             _log.debug("%s", line)
             if progress is not None:

@@ -13,7 +13,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from mpi4py import MPI
 
-from dolfinx_frontend.common.alike import digest
+from dolfinx_frontend.common.alike import described, difference, digest
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
@@ -48,6 +48,7 @@ __all__ = [
 P = ParamSpec("P")
 T = TypeVar("T")
 _TAG = 20041
+_NOT_THERE = "not there"
 
 
 @dataclass(frozen=True)
@@ -270,21 +271,6 @@ def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
     return decorate
 
 
-def _told(value: object) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 80 else f"{text[:77]}..."
-
-
-def _described(value: Any) -> dict[str, str]:
-    """A value in words, and those of its fields if it is a record."""
-    parts = {each.name: _told(getattr(value, each.name)) for each in _fields_of(value)}
-    return {"": _told(value), **parts}
-
-
-def _fields_of(value: Any) -> tuple[Any, ...]:
-    return fields(value) if is_dataclass(value) and not isinstance(value, type) else ()
-
-
 def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
     """Raise on all ranks unless all make the same call and are given the same; collective.
 
@@ -309,13 +295,10 @@ def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
     for rank, (_, digests) in enumerate(every):
         for name in dict.fromkeys([*first, *digests]):
             if first.get(name) != digests.get(name):
-                said = exchanged(comm, _described(given[name]) if name in given else {"": "not there"})
-                one, other_one = said[0], said[rank]
-                field = next((f for f in one if f and f in other_one and one[f] != other_one[f]), "")
-                which = f"{field} = " if field else ""
+                said = exchanged(comm, described(given.get(name, _NOT_THERE)))
+                one, two = difference(said[0], said[rank])
                 raise SceneError(
-                    f"{call}: {name} differs between ranks: {which}{one[field]} on rank 0, "
-                    f"{which}{other_one[field]} on rank {rank}; {rule}"
+                    f"{call}: {name} differs between ranks: {one} on rank 0, {two} on rank {rank}; {rule}"
                 )
 
 

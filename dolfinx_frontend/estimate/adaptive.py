@@ -19,6 +19,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, is_real
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.interrupts import Interrupt, Interrupted
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.estimate.by_points import by_panels, by_samples
 from dolfinx_frontend.estimate.by_rules import by_rules
@@ -39,6 +40,7 @@ from dolfinx_frontend.estimate.errors import (
     errors,
     next_halving,
     of_direct,
+    of_iteration,
     not_known,
     over_ranks,
     size_of,
@@ -52,23 +54,42 @@ from dolfinx_frontend.estimate.points import (
     misfit,
     witnesses,
 )
-from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.price import Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Compared, Interest, Quantile, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import (
+    Compared,
+    Interest,
+    Measure,
+    Quantile,
+    Resultant,
+    Wanted,
+    interest,
+)
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["of_power", "solve_to_accuracy", "tight_enough", "with_errors"]
+__all__ = [
+    "NOT_YET",
+    "as_solved",
+    "kept_for",
+    "of_power",
+    "solve_to_accuracy",
+    "so_far",
+    "tight_enough",
+    "with_errors",
+]
 
 _log = logging.getLogger(__name__)
+
+NOT_YET = ErrorShare(np.nan, np.nan, np.nan, "not measured")
+"""An error that Ctrl-C came before."""
 
 MOST_MODES = 2000
 
@@ -158,13 +179,16 @@ def solve_to_accuracy(
     Result
         A :class:`ChaosResult` if something is random, or samples where its chaos does not converge.
         ``result.errors()`` has the errors, and says in its notes what could not be reached.
+
+    Ctrl-C, once something is solved, ends it with what it has by then: samples or a chaos, whichever is known
+    to be better, and the errors as far as they are known.
     """
     if not is_real(accuracy) or not 1e-10 <= accuracy <= 0.5:
         raise SceneError(f"accuracy = {short(accuracy)}: it must lie in 1e-10..0.5")
     check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
     checked_flag("solve", "meshes", meshes)
     what = compared_with(interest(problem.interfaces, quantity), compared)
-    of_one = what.interface if isinstance(what, Resultant) else None
+    of_one = None if what is None else what.interface
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
     random = RandomLaws.of(problem)
@@ -183,11 +207,23 @@ def solve_to_accuracy(
             options=options,
             estimator=errors,
         )
-        return _Search(first, accuracy, what, known).answer(meshes)
-    plan = make_plan(problem, method, active, (), direction, options, times=times)
+        if known is not None:
+            complete(first)  # a search for meshes has something better
+        with Interrupt(alone=problem.comm is None):
+            return _Search(first, accuracy, what, known).answer(meshes)
+    plan = make_plan(problem, method, kept_for(what, method, active), (), direction, options, times=times)
     result = solve_once(problem, plan, estimator=errors)
     what, notes = beside_what_acts(result, what)
     return tight_enough(result, accuracy, what, meshes, known, notes)
+
+
+def kept_for(
+    quantity: Wanted | None, method: Method, active: Sequence[str] | Literal["all"] | None
+) -> Sequence[str] | Literal["all"] | None:
+    """What a plan is to keep: of an interface that is assembled across there are resultants only."""
+    if active is not None or method == "latin" or not isinstance(quantity, Measure):
+        return active
+    return None if quantity.interface is None else [quantity.interface]
 
 
 def tight_enough(
@@ -200,23 +236,32 @@ def tight_enough(
 ) -> Result:
     """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`."""
     of_meshes = known
-    made = not_known(result, quantity)
-    try:
-        complete(result)
-        if meshes and known is None:
-            of_meshes = error_of_meshes(result, quantity)
-        target = _visible(accuracy, of_meshes, quantity, result)
-        made = _settled(result, quantity)
-        iterated = bool(result.plan.active)
-        while iterated and made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
-            fall = min(0.5 * target / made.relative("algebraic"), DIGIT)
-            result = result.tightened(max(result.plan.options.rtol * fall, FINEST))
-            made = not_known(result, quantity)
+    made = as_solved(result, quantity)
+    if meshes and known is None:
+        of_meshes = NOT_YET
+    with Interrupt(alone=result.problem.comm is None):
+        try:
             complete(result)
+            if meshes and known is None:
+                of_meshes = error_of_meshes(result, quantity)
+            target = _visible(accuracy, of_meshes, quantity, result)
             made = _settled(result, quantity)
-    except Interrupted:
-        notes += (INTERRUPTED,)
+            iterated = bool(result.plan.active)
+            while iterated and made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
+                fall = min(0.5 * target / made.relative("algebraic"), DIGIT)
+                tighter = result.tightened(max(result.plan.options.rtol * fall, FINEST))
+                complete(tighter)
+                result, made = tighter, as_solved(tighter, quantity)
+                made = _settled(result, quantity)
+        except Interrupted:
+            notes += (INTERRUPTED,)
     return with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
+
+
+def as_solved(result: Result, quantity: Wanted | None) -> Errors:
+    """What a run says of its own error, before anything is measured."""
+    value = None if quantity is None else result.mean_std(quantity)
+    return replace(not_known(result, quantity), algebraic=of_iteration(result.error, value))
 
 
 def _visible(
@@ -289,6 +334,10 @@ class _Search:
         What algebraic and truncation error must stay below.
     gain
         How much worse the quantity is than the energy norm.
+    left
+        What the chaos still leaves out, as far as it is known: relative.
+    points
+        The best ones so far, and their errors.
     """
 
     def __init__(
@@ -303,6 +352,8 @@ class _Search:
         self.quantity = quantity
         self.rtol = first.plan.options.rtol
         self.gain = 1.0
+        self.left = np.nan
+        self.points: tuple[SampleResult, Errors] | None = None
         self.of_meshes = of_meshes
         self.of_fields: ErrorShare | None = None
         self.seen: Witnesses | None = None
@@ -311,12 +362,40 @@ class _Search:
         self.notes: tuple[str, ...] = ()
 
     def answer(self, meshes: bool) -> ChaosResult | SampleResult:
-        """The chaos, or samples where it does not converge; after Ctrl-C the last chaos that was solved."""
+        """The chaos, or samples where it does not converge; after Ctrl-C the better one of those that are
+        finished."""
+        unmeasured = meshes and self.of_meshes is None
+        if unmeasured:
+            self.of_meshes = NOT_YET
         try:
-            return self._answer(meshes)
+            return self._answer(unmeasured)
         except Interrupted:
             self.notes += (INTERRUPTED,)
-            return self._found(not_known(self.result, self.quantity))
+            return self.so_far()
+
+    def so_far(self) -> ChaosResult | SampleResult:
+        """What is finished, with the errors as far as they are known."""
+        made = self._known()
+        if self.points is not None and not self.points[1].total > made.total:
+            return self._of_points(*self.points)
+        return self._found(made)
+
+    def keep(self, samples: SampleResult, made: Errors) -> None:
+        """Points that are finished: fewer than there were before only if they are better."""
+        best = self.points
+        if best is None or len(samples.germs) >= len(best[0].germs) or made.total <= best[1].total:
+            self.points = samples, made
+
+    def _known(self) -> Errors:
+        """What is known of the errors of the chaos."""
+        quantity = self.quantity
+        made = as_solved(self.result, quantity)
+        if isfinite(self.left):
+            made = _errors_of_chaos(self.result, quantity, self.left, self.gain)
+        made = replace(made, field=self.of_fields)
+        if self.seen is None or not isinstance(quantity, Resultant):
+            return made
+        return self._with_witnesses(made, quantity, self.seen)
 
     def _answer(self, meshes: bool) -> ChaosResult | SampleResult:
         complete(self.result)
@@ -324,7 +403,7 @@ class _Search:
         if not coupled:
             self._calibrate()
         result, quantity = self.result, self.quantity
-        if meshes and self.of_meshes is None:
+        if meshes:
             self.of_meshes = error_of_meshes(result, quantity)
         self.target = _visible(self.accuracy, self.of_meshes, quantity, result)
         self.rtol = self._tolerance()
@@ -441,21 +520,13 @@ class _Search:
             seen = self.seen
             if seen is None:
                 return made
-            value = self.result.mean_std(quantity)
-            assert isinstance(quantity, Resultant)
-            psi = self.result.basis.evaluate(seen.points)
-            found = misfit(seen, psi @ self.result.resultant_coefficients(quantity), value)
-            assert made.truncation is not None
-            of_mean = max(made.truncation.quantity or 0.0, found.mean)
-            of_std = max(made.truncation.std or 0.0, found.std)
-            how = f"the change by the last modes, and {len(seen.points)} points solved on their own"
-            made = replace(made, truncation=ErrorShare(np.nan, of_mean, of_std, how))
+            made = self._with_witnesses(made, quantity, seen)
             if step and (made.relative("truncation") <= 0.7 * self.target or step == STEPS - 1):
                 return made
             chaos = self._wider()
             if chaos is None:
                 return made
-            before = value
+            before = self.result.mean_std(quantity)
             try:
                 self._carry_on(chaos, self.rtol)
             except SceneError as error:
@@ -464,8 +535,20 @@ class _Search:
             change = change_of(before, self.result.mean_std(quantity), _reached(self.result), quantity)
             if isfinite(change_before) and change_before > 0.0:
                 fall = change / change_before
-            left, change_before = change * of_power(fall, chaos.order), change
+            self.left = left = change * of_power(fall, chaos.order)
+            change_before = change
         raise AssertionError
+
+    def _with_witnesses(self, made: Errors, quantity: Wanted, seen: Witnesses) -> Errors:
+        """The errors of the chaos, of which witnesses may know more."""
+        fields = self.result.at(seen.points)
+        found = misfit(seen, quantity.at_end(self.result, fields), self.result.mean_std(quantity))
+        assert made.truncation is not None
+        # what is not known of the modes is left to the points
+        of_mean = float(np.fmax(made.truncation.quantity or 0.0, found.mean))
+        of_std = float(np.fmax(made.truncation.std or 0.0, found.std))
+        how = f"the change by the last modes, and {len(seen.points)} points solved on their own"
+        return replace(made, truncation=ErrorShare(np.nan, of_mean, of_std, how))
 
     def _wider(self) -> Chaos | None:
         """The chaos with the modes that an accuracy ten times tighter would want, and the next degree in
@@ -514,12 +597,12 @@ class _Search:
             of_seen = OF_WITNESSES * float(np.sqrt(self.target)) * spread
             of_seen = float(np.clip(of_seen, rtol, LOOSEST_ALONE))
             judges = seen or few_witnesses(result, quantity, of_seen, complete, self.target)
-            found = by_rules(result, quantity, self.target, rtol, judges)
+            found = by_rules(result, quantity, self.target, rtol, judges, self.keep)
             if found is None and result.space.dimension == 1 and result.space.germs[0].capacity is None:
-                found = by_panels(result, quantity, self.target, each)
+                found = by_panels(result, quantity, self.target, each, self.keep)
             if found is not None:
                 return found
-        made = by_samples(result, quantity, self.target, each, seen)
+        made = by_samples(result, quantity, self.target, each, seen, self.keep)
         self.notes += made[2]
         return made[:2]
 
@@ -528,8 +611,9 @@ class _Search:
         return with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes, halving)
 
     def _carry_on(self, chaos: Chaos, rtol: float) -> None:
-        self.result = carry_on(self.result, chaos, rtol)
-        complete(self.result)
+        found = carry_on(self.result, chaos, rtol)
+        complete(found)
+        self.result, self.left = found, np.nan
 
     def _calibrate(self) -> None:
         """Measure, on the first and cheapest chaos, how much worse the quantity is than the energy norm."""
@@ -568,7 +652,7 @@ class _Search:
                 stalled = curved and change > STALLED * change_before and change > target
             else:
                 fall = float(np.clip(_decay(self.result, quantity), UNKNOWN, SLOWEST))
-            left = change * fall / (1.0 - fall)
+            self.left = left = change * fall / (1.0 - fall)
             change_before = change
             self.falls.append(fall)
         return left, stalled
@@ -591,6 +675,15 @@ class _Search:
         """A chaos that converges too slowly, of which no quantity is asked."""
         left = by_solves(self.result, None).energy
         return self._found(_errors_of_chaos(self.result, None, left, 1.0))
+
+
+def so_far(chaos: ChaosResult, accuracy: float, quantity: Wanted | None, known: ErrorShare) -> ChaosResult:
+    """A chaos that nothing has measured yet, as an answer; `known`: the error of its meshes."""
+    search = _Search(chaos, accuracy, quantity, known)
+    search.notes = (INTERRUPTED,)
+    found = search.so_far()
+    assert isinstance(found, ChaosResult)
+    return found
 
 
 def of_power(fall: float, order: int) -> float:

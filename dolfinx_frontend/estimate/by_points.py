@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from math import isfinite, log2
@@ -11,9 +12,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.estimate.errors import (
     FINEST,
     complete,
+    of_iteration,
     over_ranks,
     size_of,
     whole_of,
@@ -122,16 +125,41 @@ def of_solved_again(
     return Errors(algebraic, truncation, None, quantity, value, whole)
 
 
+UNCONFIRMED = 1.5
+"""Times what they say themselves that the errors of points are taken for when Ctrl-C ends the search: answers
+are believed by a like margin below what is asked for, and after more points far out."""
+
+Keep = Callable[[SampleResult, Errors], None]
+"""Takes points that are solved, and what is known of their errors, while more are."""
+
+
+def so_far(
+    samples: SampleResult, truncation: ErrorShare, quantity: Wanted, value: MeanStd, whole: float
+) -> Errors:
+    """Errors of solved points that nothing has confirmed yet, and of which none was solved again."""
+    of_mean, of_std = (
+        None if each is None else UNCONFIRMED * each for each in (truncation.quantity, truncation.std)
+    )
+    truncation = replace(truncation, quantity=of_mean, std=of_std)
+    of_points = of_iteration(largest_of(samples.error), value)
+    return Errors(of_points, truncation, None, quantity, value, whole)
+
+
 def by_panels(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float
+    result: ChaosResult, quantity: Wanted, target: float, rtol: float, keep: Keep
 ) -> tuple[SampleResult, Errors] | None:
     """Gauss rules on pieces of one germ, which are halved around kinks; None: they do not converge."""
     space = result.space
+    every: list[SampleResult] = []  # all points, in one piece
+    first: dict[tuple[float, float], int] = {}  # of the points of a piece
 
     def integrated(ends: list[tuple[float, float]]) -> list[tuple[Array, Array]]:
         z, weights = panel_points(ends)
         samples = solved(result, space.from_uniform(ndtr(z.reshape(-1, 1))), weights.ravel(), rtol, quantity)
         complete(samples)
+        known = len(every[0].germs) if every else 0
+        first.update({end: known + k * POINTS for k, end in enumerate(ends)})
+        every[:] = [joined(every[0], samples) if every else samples]
         values = quantity.at_end(samples, samples).reshape(z.shape)
         powers = (np.ones_like(values), values, values**2)
         sums = [np.array([float(w @ p[k]) for p in powers]) for k, w in enumerate(weights)]
@@ -163,8 +191,16 @@ def by_panels(
         of_mean, of_std = relative(np.sum(wrong, axis=0))
         if value.mean == 0.0 and not value.std and np.isfinite(of_mean):
             return None  # nothing happens at any point
+        z, weights = panel_points([(leaf.lower, leaf.upper) for leaf in leaves])
+        how = f"the change by the last halving of {len(leaves)} pieces of the germ"
+        truncation = ErrorShare(np.nan, of_mean, of_std, how)
+        rule = np.zeros(len(every[0].germs))
+        for leaf, own in zip(leaves, weights / weights.sum(), strict=True):
+            at = first[leaf.lower, leaf.upper]
+            rule[at : at + POINTS] = own
+        solved_points = replace(every[0], weights=rule)
+        keep(solved_points, so_far(solved_points, truncation, quantity, value, whole))
         if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
-            z, weights = panel_points([(leaf.lower, leaf.upper) for leaf in leaves])
             points = space.from_uniform(ndtr(z.reshape(-1, 1)))
             samples = solved(result, points, weights.ravel(), rtol, quantity)
             complete(samples)
@@ -173,8 +209,6 @@ def by_panels(
             away = checked_cold(result, samples, quantity, values)
             if not away <= 0.3 * target * min(size_of(value, quantity), whole):
                 return None
-            how = f"the change by the last halving of {len(leaves)} pieces of the germ"
-            truncation = ErrorShare(np.nan, of_mean, of_std, how)
             made = of_solved_again(samples, away, truncation, quantity, value, whole)
             seconds = 2.0 * sum(samples.seconds.values())
             return samples, replace(made, next_halving=f"half the pieces, about {seconds:.2g} s")
@@ -249,6 +283,12 @@ class _Sampled(NamedTuple):
     std: float  # errors of both
     how: str
 
+    @property
+    def truncation(self) -> ErrorShare:
+        """Both as errors; not known where no sample has met what is asked for."""
+        nothing = self.value.mean == 0.0 and not self.value.std
+        return ErrorShare(np.nan, np.inf if nothing else self.mean, np.inf if nothing else self.std, self.how)
+
 
 class _Samples:
     """Sets of samples of a quantity, which grow."""
@@ -289,6 +329,11 @@ class _Samples:
         """Solve all again."""
         self.rtol, self.samples, self.names, self.values = rtol, None, [], np.zeros(0)
         self.grow(self.each)
+
+    def so_far(self, said: _Sampled, whole: float) -> tuple[SampleResult, Errors]:
+        """The points with their weights, and what is known of their errors."""
+        samples = self.weighted(said)
+        return samples, so_far(samples, said.truncation, self.quantity, said.value, whole)
 
     def plain(self) -> _Sampled:
         """As they are, polynomials of low degree being exact."""
@@ -382,6 +427,7 @@ class _Samples:
             points, weights = self._many(count, seed)
             sums = 0.0
             for part in parts:
+                stop_if_pressed()
                 values = fit.of_terms(basis.evaluate(points[part]), which)
                 sums = sums + np.einsum("n,nsk->sk", weights[part], self.quantity.controls(values, *about))
             found.append(sums)
@@ -457,6 +503,7 @@ def by_samples(
     target: float,
     rtol: float,
     seen: Witnesses | None = None,
+    keep: Keep = lambda samples, made: None,
     most: int = 0,
 ) -> tuple[SampleResult, Errors, tuple[str, ...]]:
     """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity.
@@ -482,6 +529,7 @@ def by_samples(
             size, whole = sizes(said.value)
             return max(share_of(said.mean, size), share_of(said.std, whole))
 
+        keep(*drawn.so_far(said, sizes(said.value)[1]))
         nothing = said.value.mean == 0.0 and not said.value.std
         relative = np.inf if nothing else relative_of(said)
         if not nothing and (relative > 0.6 * target or judged):
@@ -492,6 +540,7 @@ def by_samples(
             ahead = min(share_of(about, size), share_of(about, whole))
             if ahead <= FAR * target or each * SETS >= MOST_SAMPLES:
                 said = drawn.less(fit, target)
+                keep(*drawn.so_far(said, sizes(said.value)[1]))
                 relative = relative_of(said)
             else:
                 relative = min(relative, ahead)
@@ -535,10 +584,8 @@ def by_samples(
             break
         drawn.look_far(far, fit)
         each = min(each * factor, most // SETS)
-    unseen = np.inf if nothing else None
-    truncation = ErrorShare(np.nan, unseen or said.mean, unseen or said.std, said.how)
     samples = drawn.weighted(said)
-    made = of_solved_again(samples, away, truncation, quantity, said.value, whole)
+    made = of_solved_again(samples, away, said.truncation, quantity, said.value, whole)
     seconds = sum(samples.seconds.values())
     halving = f"{2 * total} samples, about {2 * seconds:.2g} s"
     return samples, replace(made, next_halving=halving), notes

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.estimate.by_points import of_solved_again
+from dolfinx_frontend.estimate.by_points import Keep, of_solved_again, so_far
 from dolfinx_frontend.estimate.errors import FINEST, complete, size_of, whole_of
 from dolfinx_frontend.estimate.points import EXACT, Witnesses, misfit, solved, solved_alone, surrogate
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -78,7 +78,7 @@ def next_degree(
 
 
 def by_rules(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses
+    result: ChaosResult, quantity: Wanted, target: float, rtol: float, seen: Witnesses, keep: Keep
 ) -> tuple[SampleResult, Errors] | None:
     """Tensor Gauss rules of rising order; None: none does in time.
 
@@ -112,6 +112,9 @@ def by_rules(
             kinked = min(kinked, BEYOND * share_of(beyond.rest, spread) ** KINKED * spread)
             of_mean = max(of_mean, kinked, abs(beyond.moments.mean - value.mean))
             of_std = max(of_std, kinked, abs((beyond.moments.std or 0.0) - spread))
+        how = f"the next degree beside {points} points per germ, and {len(seen.points)} points outside"
+        truncation = ErrorShare(np.nan, of_mean, of_std, how)
+        keep(samples, so_far(samples, truncation, quantity, value, whole))
         if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
             least = min(size, whole)
             away = _again(result, samples, quantity, values)
@@ -122,8 +125,6 @@ def by_rules(
                 away = _again(result, samples, quantity, values)
             if not away <= 0.3 * target * least:
                 return None
-            how = f"the next degree beside {points} points per germ, and {len(seen.points)} points outside"
-            truncation = ErrorShare(np.nan, of_mean, of_std, how)
             made = of_solved_again(samples, away, truncation, quantity, value, whole)
             count = more**space.dimension
             seconds = sum(samples.seconds.values()) * count / len(rule.points)

@@ -22,8 +22,8 @@ from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.interrupts import Interrupted, pressed, stop_if_pressed
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
-from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results.accuracy import largest_of, remedy
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
@@ -51,6 +51,7 @@ __all__ = [
     "by_solves",
     "next_halving",
     "of_direct",
+    "of_iteration",
     "not_known",
     "over_ranks",
     "size_of",
@@ -71,7 +72,7 @@ DROPPED = 0.02
 """Predicted variance of modes that may be left out, relative to the accuracy of the moments. Moments change
 with the square of such modes, and the prediction of a mode may be wrong by a factor of three."""
 
-INTERRUPTED = "interrupted (Ctrl-C): what is nan was not measured"
+INTERRUPTED = "interrupted (Ctrl-C): its errors as far as they were measured by then"
 UNKNOWN = 0.3
 """Assumed decay of the modes from one degree to the next where it cannot be measured."""
 
@@ -345,15 +346,26 @@ def of_direct(result: Result, value: MeanStd | None) -> ErrorShare:
 
 
 def complete(result: Result | SampleResult) -> None:
-    """Check that a run of a measurement was not interrupted.
+    """Check that a run of a measurement was not interrupted, nor the search that it is a part of; collective.
 
     Raises
     ------
     Interrupted
-        The run was interrupted.
+        One of them was.
     """
     if result.status == "interrupted":
         raise Interrupted
+    stop_if_pressed()
+    if result.problem.comm is not None and any(exchanged(result.problem.comm, pressed())):
+        raise Interrupted
+
+
+def of_iteration(error: float, value: MeanStd | None) -> ErrorShare:
+    """The algebraic error by its estimate, which is relative and of the whole."""
+    how = "its estimate"
+    if value is None:
+        return ErrorShare(error, how=how)
+    return ErrorShare(error, error * abs(value.mean), None if value.std is None else error * value.std, how)
 
 
 def not_known(result: Result, quantity: Wanted | None) -> Errors:
@@ -451,8 +463,8 @@ def errors_of_samples(result: SampleResult, quantity: Wanted | None) -> Errors:
     mean, std = 2.0 * spread / np.sqrt(REPLICATES)
     rtol = result.plan.options.rtol
     truncation = ErrorShare(np.nan, float(mean), float(std), f"{REPLICATES} parts of {len(values)} samples")
-    algebraic = ErrorShare(error, error * abs(value.mean), error * (value.std or 0.0), "its estimate")
-    made = Errors(algebraic, truncation, None, quantity, value, whole_of(value, rtol, quantity))
+    whole = whole_of(value, rtol, quantity)
+    made = Errors(of_iteration(error, value), truncation, None, quantity, value, whole)
     seconds = sum(result.seconds.values())
     halving = f"{2 * len(values)} Sobol samples, about {2 * seconds:.2g} s"
     return replace(made, next_halving=halving, notes=lost_variance(result))

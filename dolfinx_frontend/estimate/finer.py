@@ -22,6 +22,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.estimate.cells import Cells
 from dolfinx_frontend.geometry.finer import (
     SIMPLICES,
@@ -191,6 +192,7 @@ def finer(
     asked: dict[str, str] = {}
     with agreement(problem.comm):
         for name, ratio in wanted.items():
+            stop_if_pressed()
             if name not in problem.own.substructures:
                 continue
             spec = scene.substructures[name]

@@ -25,6 +25,7 @@ import numpy as np
 from scipy import linalg
 
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -165,6 +166,7 @@ def _fitted(terms: _Terms, inside: Sequence[Flags], order: int, steps: int = STE
     best: _Fit | None = None
     known: set[bytes] = set()
     for _ in range(steps if inside else 1):
+        stop_if_pressed()
         used = terms.used(inside, order)
         if used is None:
             break
@@ -317,6 +319,7 @@ def _without_each(
     used = terms.used(inside, order)
     if used is None:
         return None
+    stop_if_pressed()
     design = terms.design(inside, used)
     own = [labels == k for k in range(sets)]
     weighted = design * terms.weights[:, None]

@@ -19,7 +19,9 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.interrupts import Interrupt
 from dolfinx_frontend.common.progress import progress as bars
+from dolfinx_frontend.estimate.adaptive import NOT_YET
 from dolfinx_frontend.estimate.cells import Cells, cells_of
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
@@ -120,6 +122,8 @@ class Judged:
         Values of random loads that the answer is for instead of their means, as ``with_laws`` takes them.
     share
         Error of its meshes, as it is believed.
+    run, answered
+        What holds Ctrl-C back once there is an answer, which has been measured unless it is the first.
     meshes, cells
         Part -> its cells, and what each contributes: of all parts, on all ranks.
     comm
@@ -144,6 +148,8 @@ class Judged:
         self.spread: float | None = None
         self.result: Result | None = None
         self.share: ErrorShare | None = None
+        self.run = Interrupt(holds=False, alone=comm is None or comm.size == 1)
+        self.answered: tuple[Result, ErrorShare] | None = None
         self.target = accuracy
         self.steps: list[MeshStep] = []
         self.places: tuple[Place, ...] = ()
@@ -186,6 +192,8 @@ class Judged:
                 below = OF_ITERATION * result.error
                 self.quantity, notes = beside_what_acts(result, self.quantity, below, why)
             self.notes += notes
+        if self.answered is None:
+            self._answers(result, NOT_YET)
         found = self._measured(result)
         self.result = result
         beside = isinstance(self.quantity, Resultant) and self.quantity.compared.deviation
@@ -246,6 +254,7 @@ class Judged:
         self.sure = sure
         self.share = ErrorShare(energy, absolute, None, how)
         self.places = places_of(result.problem, self.cells)
+        self._answers(result, self.share)
         costs = result.solver.costs
         kept = (over_ranks(result, sum(bool(each["kept"]) for each in costs)), over_ranks(result, len(costs)))
         seconds = self._spent()
@@ -268,6 +277,11 @@ class Judged:
             _log.info("%s", line)
         if problem.rank == 0 and self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
+
+    def _answers(self, result: Result, share: ErrorShare) -> None:
+        """What Ctrl-C returns from now on, until there is something better."""
+        self.answered = result, share
+        self.run.hold()
 
     def _spent(self) -> float:
         """Seconds since the beginning, the same on all ranks."""

@@ -336,7 +336,7 @@ def _again(samples: SampleResult, point: int, quantity: Resultant) -> SampleResu
     """A point solved from nothing, to a tenth of the tolerance."""
     options = samples.plan.options
     plan = replace(samples.plan, options=options.with_(rtol=max(0.1 * options.rtol, FINEST)))
-    return sample_on(
+    found = sample_on(
         samples.solver,
         samples.random,
         plan,
@@ -346,3 +346,5 @@ def _again(samples: SampleResult, point: int, quantity: Resultant) -> SampleResu
         keep_states=quantity.needs_states,
         scatter=False,
     )
+    complete(found)
+    return found

@@ -30,11 +30,11 @@ from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.fitting import fitted
-from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
@@ -205,6 +205,7 @@ def discretisation_error(
         cells: dict[str, Array] = {}
         found = {}
         for name, part in problem.own.substructures.items():
+            stop_if_pressed()
             found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
     found = problem.gather(found, parts=True)
     # of rigid motions rounding may leave an energy below 0
@@ -289,6 +290,7 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
             sums = np.zeros((count, 4))
             made, more = recovery(part), 1.0
             for row, mode in zip(sums, order[:count], strict=True):
+                stop_if_pressed()
                 u = block[..., 1 + mode]
                 by_cell = made.energies([u if u.ndim == 1 else u[-1], dual[name]])
                 sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))

@@ -27,14 +27,21 @@ from dolfinx_frontend.assembly.ranks import agreement, check_alike, exchanged, o
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough, with_errors
+from dolfinx_frontend.common.interrupts import Interrupted
+from dolfinx_frontend.estimate.adaptive import (
+    as_solved,
+    kept_for,
+    so_far,
+    solve_to_accuracy,
+    tight_enough,
+    with_errors,
+)
 from dolfinx_frontend.estimate.cells import cells_of
-from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with, not_known
+from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import MARGIN, Judged
 from dolfinx_frontend.estimate.levels import of_two_meshes
 from dolfinx_frontend.estimate.zones import soft_springs
-from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -138,46 +145,59 @@ class _Meshes(Judged):
     """The search for meshes."""
 
     def answer(self, method: Method, **settings: Any) -> Result | SampleResult:
-        """The answer on meshes that fit; after Ctrl-C the last one that there is.
-
-        On several ranks that is so of Ctrl-C in an iteration, which ends it on all of them.
-        """
-        try:
-            options = self._adapt(method, **settings)
-            assert self.result is not None
-            problem = self.problem
-            assert problem is not None
-            if RandomLaws.of(problem).every:
-                known: Result | SampleResult | None = self._of_points(method, options, settings)
-                known = known or self._on_two_meshes(method, settings)
-                found = known or solve_to_accuracy(
-                    problem,
-                    self.accuracy,
-                    self.quantity,
-                    method,
-                    known=self._of_random(),
-                    first=self.chaos if self.chaos is not None and self.chaos.problem is problem else None,
-                    **settings,
-                )
-            else:
-                found = tight_enough(self.result, self.accuracy, self.quantity, known=self.share)
-        except KeyboardInterrupt as pressed:
-            alone = self.problem is None or self.problem.comm is None
-            if self.result is None or not (alone or isinstance(pressed, Interrupted)):
-                raise
-            made = replace(
-                not_known(self.result, self.quantity),
-                asked=self.accuracy,
-                discretisation=self.share,
-                notes=(INTERRUPTED,),
-            )
-            if self.acting:
-                values = ", ".join(f"{k} = {v:.4g}" for k, v in self.acting.items() if isinstance(v, float))
-                self.notes.append(f"the answer is that at {values or 'other values of random loads'}")
-            found = self.result.with_notes(found=made)
+        """The answer on meshes that fit; after Ctrl-C the last one that there is."""
+        with self.run:
+            try:
+                found = self._answer(method, settings)
+            except Interrupted:
+                if self.answered is None:
+                    raise
+                found = self._so_far(*self.answered)
         made = found.errors()
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
         return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
+
+    def _answer(self, method: Method, settings: Mapping[str, Any]) -> Result | SampleResult:
+        options = self._adapt(method, **settings)
+        problem = self.problem
+        assert self.result is not None and problem is not None
+        if not RandomLaws.of(problem).every:
+            return tight_enough(self.result, self.accuracy, self.quantity, known=self.share)
+        known: Result | SampleResult | None = self._of_points(method, options, settings)
+        known = known or self._on_two_meshes(method, settings)
+        return known or solve_to_accuracy(
+            problem,
+            self.accuracy,
+            self.quantity,
+            method,
+            known=self._of_random(),
+            first=self.chaos if self.chaos is not None and self.chaos.problem is problem else None,
+            **settings,
+        )
+
+    def _so_far(self, result: Result, share: ErrorShare) -> Result | SampleResult:
+        """The last mesh that is measured: points, a chaos, or the answer at the means of what is random."""
+        same = result is self.result and self.share is not None
+        self.share = self.share if same else share  # which may know of the deviation, too
+        known = self._of_random()
+        assert known is not None
+        problem = self.problem if same else None
+        notes: tuple[str, ...] = (INTERRUPTED,)
+        if self.fine is not None and self.fine.samples.problem is problem:
+            made = self.fine.made
+            return with_errors(self.fine.samples, made, self.accuracy, known, (*made.notes, *notes))
+        if self.chaos is not None and self.chaos.problem is problem:
+            return so_far(self.chaos, self.accuracy, self.quantity, known)
+        made = as_solved(result, self.quantity)
+        if self.random:
+            at = "the means of what is random"
+            if self.acting:
+                values = [f"{k} = {v:.4g}" for k, v in self.acting.items() if isinstance(v, float)]
+                at = ", ".join(values) or "other values of random loads"
+            notes += (f"the scatter is not computed: the answer is that at {at}",)
+            nan = None if self.quantity is None else np.nan
+            made = replace(made, truncation=ErrorShare(np.nan, nan, None, "the scatter is not computed"))
+        return with_errors(result, made, self.accuracy, self.share, notes)
 
     def _of_points(
         self, method: Method, options: Options, settings: Mapping[str, Any]
@@ -232,6 +252,7 @@ class _Meshes(Judged):
             others = {name: each for name, each in problem.interfaces.items() if name not in soft}
             problem = assembled_again(self.scene, replace(problem, interfaces=others), comm=self.comm)
         self.quantity = compared_with(interest(problem.interfaces, self.asked_for), self.compared)
+        settings["active"] = kept_for(self.quantity, method, settings["active"])
         self.random = bool(RandomLaws.of(problem).every)
         self.first = problem
         curved = any(not each.law.linear for each in problem.interfaces.values())

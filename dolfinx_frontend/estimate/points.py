@@ -24,6 +24,7 @@ from scipy.special import ndtr, ndtri
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import MeanStd
@@ -127,6 +128,7 @@ def wide_points(
 
     `centre`: normal scores (L,) of what happens far out and seldom: half of the wider ones are drawn there.
     """
+    stop_if_pressed()
     dimension = space.dimension
     nowhere: Array = np.zeros(dimension)
     wide = float(np.sqrt(1.0 + 3.0 / dimension))
@@ -156,6 +158,7 @@ def calibrated(
 ) -> Array:
     """Weights (n,) of sum 1 close to the given ones that integrate polynomials of low degree exactly, and
     `controls`: functions (n, k) at the points, and their expectations (k,). `most`: highest degree."""
+    stop_if_pressed()
     count, dimension = len(points), space.dimension
     plain = weights / weights.sum()
     if most is None:
@@ -520,6 +523,8 @@ def checked_cold(
         groups = [np.concatenate([ranked[:CHECKED], some])]
     for chosen in groups:
         again = solved(result, samples.germs[chosen], np.ones(len(chosen)), rtol, quantity)
+        if not again.complete:
+            raise Interrupted
         away += [float(v) for v in quantity.at_end(again, again) - values[chosen]]
     return float(np.sqrt(np.mean(np.square(away))))
 

@@ -21,6 +21,7 @@ from dolfinx_frontend.common.checks import check_kind, check_known, checked_name
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Block, one_number_a_sample, stepped
+from dolfinx_frontend.results.readings import column_of
 from dolfinx_frontend.results.resultant import Interest, Quantile, Wanted, asked
 from dolfinx_frontend.uncertainty.expressions import Operand
 
@@ -123,7 +124,9 @@ class Response:
         if not hasattr(wanted, "function"):
             return np.asarray(wanted.at_end(answer, answer), dtype=np.float64)
         where = f"response {self.name!r}"
-        function: Callable[[Block], Any] = wanted.function
+        function: Callable[[Block], Any] = (
+            column_of(answer, wanted.function) if isinstance(wanted.function, str) else wanted.function
+        )
         blocks = answer.blocks()
         found = [one_number_a_sample(told_call(where, function, b), len(b), self.name) for b in blocks]
         return np.concatenate(found)
@@ -423,7 +426,7 @@ def response(where: str, given: Any) -> Response:
 
 def _name_of(of: Any) -> str:
     if isinstance(of, str):
-        return f"normal force of {of}"
+        return of if "." in of else f"normal force of {of}"
     if callable(of) and not hasattr(of, "at_end"):
         return str(getattr(of, "__name__", "quantity")).strip("<>")
     return str(of)

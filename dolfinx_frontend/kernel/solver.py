@@ -205,7 +205,7 @@ class Solver:
         seconds = perf_counter() - began
         text = "%s after %d iterations, estimated error %s, %.2f s"
         _log.info(text, summary.status, summary.iterations, shown_error(summary.error), seconds)
-        if interrupt.pressed and summary.status != "interrupted":
+        if interrupt.told and summary.status != "interrupted":
             _log.warning("Ctrl-C came when the iteration had ended; press it twice to end the program")
         return summary, state
 

@@ -167,21 +167,28 @@ class Measure:
     Attributes
     ----------
     function
-        Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times.
+        Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times. Or a
+        number of the tables by name: ``"joint.pressure_max"``, of a history at its end.
     name
         For tables and messages.
     compared
         What its errors are relative to; ``solve(..., absolute=, relative_to=)`` sets it.
     """
 
-    function: Callable[[Any], Any] = field(repr=False)
+    function: Callable[[Any], Any] | str = field(repr=False)
     name: str = "quantity"
     compared: Compared = _itself()
 
     def __post_init__(self) -> None:
-        wanted = "give a function of the fields of n samples that returns (n,) values"
-        checked_callable("Measure", "function", self.function, wanted)
+        wanted = "give a function of the fields of n samples that returns (n,) values, or 'interface.column'"
+        if not (isinstance(self.function, str) and "." in self.function):
+            checked_callable("Measure", "function", self.function, wanted)
         checked_name("Measure", self.name)
+
+    @property
+    def interface(self) -> str | None:
+        """Interface that a number of the tables is of; None: it is a function."""
+        return self.function.rpartition(".")[0] if isinstance(self.function, str) else None
 
     @property
     def needs_states(self) -> bool:
@@ -202,7 +209,9 @@ class Measure:
     def at_end(self, answer: Any, fields: Any) -> Array:
         """The number (N,) in samples; `fields` are the samples themselves. Collective."""
         function, problem = self.function, answer.problem
-        if getattr(problem, "comm", None) is not None and not hasattr(function, "on"):
+        plain = not isinstance(function, str) and not hasattr(function, "on")
+        if getattr(problem, "comm", None) is not None and plain:
+            assert callable(function)
             function = _over_ranks(function, problem)
         return np.asarray(fields.quantity(function, self.name).values)
 
@@ -292,7 +301,8 @@ class Quantile:
     Attributes
     ----------
     of
-        A :class:`Resultant`, a function of the fields, or the name of an interface (its normal force).
+        A :class:`Resultant`, a function of the fields, the name of an interface (its normal force), or a
+        number of the tables by name (``"joint.pressure_max"``).
     level
         The probability, in (0, 1).
     compared
@@ -313,6 +323,11 @@ class Quantile:
     def needs_states(self) -> bool:
         """Whether samples must keep their states."""
         return self._inner.needs_states
+
+    @property
+    def interface(self) -> str | None:
+        """Interface that the quantity is of; None: it is a function."""
+        return self._inner.interface
 
     def __repr__(self) -> str:
         return f"Quantile({self._inner}, {self.level:g})"
@@ -370,8 +385,8 @@ Wanted: TypeAlias = Resultant | Measure | Quantile
 """A number whose error is asked about."""
 
 Interest = Resultant | Measure | Quantile | Callable[[Any], Any] | str | None
-"""A quantity of interest as users give it; a name: the normal force of that interface; a function: a
-:class:`Measure`."""
+"""A quantity of interest as users give it; a name: the normal force of that interface, or a number of the
+tables (``"joint.pressure_max"``); a function: a :class:`Measure`."""
 
 
 def asked(where: str, interfaces: Mapping[str, Any], quantity: Interest) -> Wanted:
@@ -400,18 +415,26 @@ def interest(interfaces: Mapping[str, Any], quantity: Interest) -> Wanted | None
     """
     if quantity is None or (isinstance(quantity, str) and quantity == "energy"):
         return None
-    if isinstance(quantity, Measure):
-        return quantity
     if isinstance(quantity, Quantile):
-        if isinstance(quantity._inner, Resultant):
-            check_known("interface", quantity._inner.interface, interfaces, "quantity of interest")
-        return quantity
+        of = interest(interfaces, quantity.of)
+        assert of is not None and not isinstance(of, Quantile)
+        return replace(quantity, of=of)
+    if isinstance(quantity, str):
+        return _named(interfaces, quantity)
     if callable(quantity):
         return measure(quantity)
     wanted = "give a Resultant, a function of the fields, the name of an interface, or 'energy'"
-    check_kind("quantity of interest", "quantity", quantity, (Resultant, str), wanted)
-    if isinstance(quantity, str):
-        check_known("interface", quantity, interfaces, "quantity of interest")
-        return Resultant(quantity)
-    check_known("interface", quantity.interface, interfaces, "quantity of interest")
+    check_kind("quantity of interest", "quantity", quantity, (Resultant, Measure), wanted)
+    if quantity.interface is not None:
+        check_known("interface", quantity.interface, interfaces, "quantity of interest")
     return quantity
+
+
+def _named(interfaces: Mapping[str, Any], text: str) -> Resultant | Measure:
+    """The normal force of an interface of this name, or a number of the tables: ``"joint.pressure_max"``."""
+    name, _, column = text.rpartition(".")
+    if text in interfaces or not column or not name:
+        check_known("interface", text, interfaces, "quantity of interest")
+        return Resultant(text)
+    check_known("interface", name, interfaces, f"quantity of interest {text!r}")
+    return Measure(text, text)

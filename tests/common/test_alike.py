@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dolfinx_frontend import Elastic, LogNormal, geometry
-from dolfinx_frontend.common.alike import digest
+from dolfinx_frontend import Elastic, LogNormal, UserLaw, geometry
+from dolfinx_frontend.common.alike import described, difference, digest
 
 
 def made(text: str, **space: Any) -> Callable[..., Any]:
@@ -64,3 +64,23 @@ def test_records_and_random_variables() -> None:
 def test_circles_end() -> None:
     text = "def f(x): return x and f(x - 1)"
     assert digest(made(text)) == digest(made(text))
+
+
+def test_what_differs_in_a_function_is_named() -> None:
+    """A variable that it has caught, a global of its helper, its code: by name, value and place."""
+
+    def caught(R: float) -> Callable[..., Any]:
+        return lambda x: R * x
+
+    one, other = (described(UserLaw(force=caught(r), name="pad")) for r in (1.0, 2.0))
+    first, second = difference(one, other)
+    assert first.startswith("force, its variable 'R' = 1.0 in <function <lambda>, line ")
+    assert first.endswith("of test_alike.py>") and "'R' = 2.0" in second
+    first, second = difference(*(described(made(HELPED, r=r)) for r in (1.0, 2.0)))
+    assert first.startswith("its global 'help', its global 'r' = 1.0 in <function help, line 1 of <string>>")
+    first, second = difference(described(made(LAW, r=1.0)), described(made(DEEP, r=1.0)))
+    assert "<function f, line 1" in first and second.endswith("of other content,")
+    assert difference(described(2), described(3)) == ("2", "3")
+    assert difference(described(LogNormal("k", 1.0, cov=0.3)), described(None))[1] == "None"
+    many = [np.arange(100.0), np.arange(100.0) + (np.arange(100) == 50)]
+    assert difference(*(described(each) for each in many))[1].endswith(", of other content,")

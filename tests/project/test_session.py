@@ -31,13 +31,13 @@ from dolfinx_frontend import (
     solve,
     sweep,
 )
-from dolfinx_frontend.kernel import running
+from dolfinx_frontend.common import interrupts
 from dolfinx_frontend.solving import sample
 
 MAIN = """
 import sys, time
 import dolfinx_frontend as lf
-from dolfinx_frontend.kernel.running import TWICE
+from dolfinx_frontend.common.interrupts import TWICE
 
 def problem(random=False):
     scene = lf.Scene()
@@ -194,8 +194,8 @@ def problem() -> Any:
 
 def interrupting(monkeypatch: Any, number: int) -> None:
     """SIGINT at an iteration, counted over all points."""
-    monkeypatch.setattr(running, "_last_press", -np.inf)
-    watch = running.Interrupt.watch
+    monkeypatch.setattr(interrupts, "_last_press", -np.inf)
+    watch = interrupts.Interrupt.watch
     seen = []
 
     def watched(self: Any, callback: Any = None) -> Any:
@@ -208,7 +208,7 @@ def interrupting(monkeypatch: Any, number: int) -> None:
 
         return watch(self, press)
 
-    monkeypatch.setattr(running.Interrupt, "watch", watched)
+    monkeypatch.setattr(interrupts.Interrupt, "watch", watched)
 
 
 def test_statistics_of_an_interrupted_sampling_are_refused(problem: Any, monkeypatch: Any) -> None:

@@ -109,6 +109,9 @@ RUNS = [name for name in CALLS if name != "make_plan"]
 def test_what_is_no_problem(call: str) -> None:
     if call != "accuracy":  # which makes the meshes of a scene
         refused(lambda: CALLS[call](blocks()), "problem = Scene", "assemble the scene first")
+    if call == "solve":
+        refused(lambda: lf.solve(blocks(), quantity="layer"), "solve(scene, accuracy=1e-2, quantity=...)")
+        refused(lambda: lf.solve(blocks(), accuracy=1e-2, meshes="no"), "meshes = 'no'")
     for wrong in (3, None, "problem", {}):
         refused(lambda wrong=wrong: CALLS[call](wrong), f"problem = {wrong!r}", "assemble")
 
@@ -247,6 +250,8 @@ def test_accuracy(problem: lf.Problem, random: lf.Problem) -> None:
     for wrong in (3, ["layer"], 1.0, True):
         refused(lambda wrong=wrong: lf.solve(problem, accuracy=0.1, quantity=wrong), "quantity = ")
     refused(lambda: lf.solve(problem, accuracy=0.1, quantity="layr"), "'layr'", "'layer'")
+    refused(lambda: lf.solve(problem, accuracy=0.1, quantity="layr.normal"), "'layr'", "'layer'")
+    refused(lambda: lf.solve(problem, accuracy=0.1, quantity="layer.pressur"), "'pressur'", "pressure_max")
     refused(lambda: lf.solve(problem, accuracy=0.1, meshes="no"), "meshes = 'no'")  # type: ignore
     refused(lambda: lf.solve(problem, accuracy="a", chaos=2), "accuracy = 'a'", "chaos")  # type: ignore
     for wrong in (3, None, "x", ["prove"]):

@@ -15,8 +15,8 @@ from dolfinx import fem
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common import interrupts as noted
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.kernel import running
 from dolfinx_frontend.plan.plan import Direction, make_plan
 from dolfinx_frontend.reference.direct import monolithic
 from dolfinx_frontend.reference.energy import energy_error
@@ -65,7 +65,7 @@ def reference(problem):
 def interrupts() -> None:
     """Ctrl-C is Python's again: OpenTURNS, if another test imported it, ends the process on it."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    running._last_press = -np.inf  # of another test
+    noted._last_press = -np.inf  # of another test
 
 
 # ---------------------------------------------------------------------------------------------
@@ -387,7 +387,7 @@ def test_a_second_interrupt_raises(problem, interrupts):
     settings = {"active": "all", "direction": FAR, "options": ENDLESS}
     with pytest.raises(KeyboardInterrupt):
         solve(problem, callback=twice, **settings)
-    running._last_press = -np.inf
+    noted._last_press = -np.inf
     assert solve(problem, callback=press, **settings).status == "interrupted"
     with pytest.raises(KeyboardInterrupt):
         solve(problem, callback=press, **settings)

@@ -39,8 +39,8 @@ from dolfinx_frontend import (
     sweep,
     tensor_quadrature,
 )
-from dolfinx_frontend.kernel import running
-from dolfinx_frontend.kernel.running import Interrupt
+from dolfinx_frontend.common import interrupts
+from dolfinx_frontend.common.interrupts import Interrupt
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.solvers.galerkin import carry_on
@@ -191,7 +191,7 @@ def fails(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 @pytest.fixture
 def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     """Send one SIGINT in the first iteration of the run of a given number."""
-    monkeypatch.setattr(running, "_last_press", -np.inf)
+    monkeypatch.setattr(interrupts, "_last_press", -np.inf)
     original = Interrupt.watch
 
     def arm(which: int) -> None:

@@ -1,0 +1,125 @@
+"""Ctrl-C that is noted instead of raised, and asked about between pieces of work.
+
+Handlers of SIGINT other than Python's own and the system's default are left alone, and so are threads other
+than the main one, in which Python handles no signals.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from time import monotonic
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+__all__ = ["Interrupt", "Interrupted", "pressed", "stop_if_pressed"]
+
+TWICE = 2.0
+"""Seconds within which a second Ctrl-C raises, in whatever call it comes."""
+
+_last_press = -np.inf
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a run whose last iterate is of no use by itself."""
+
+
+class Interrupt:
+    """The context in which Ctrl-C is noted instead of raised.
+
+    Contexts may be nested: a search for an answer, and the runs that it makes. The outermost one that holds
+    back is told, and all within it know.
+
+    Parameters
+    ----------
+    holds
+        False: Ctrl-C raises until :meth:`hold` is called: there is nothing yet that could be returned.
+    alone
+        Whether no other rank waits for this one, so that the work may end anywhere.
+
+    Attributes
+    ----------
+    told
+        Whether Ctrl-C was pressed here, and not in a context around this one, which asks for it again.
+    """
+
+    def __init__(self, holds: bool = True, alone: bool = True) -> None:
+        self._holds, self.alone = holds, alone
+        self.told = self._installed = False
+        self._before: Any = None
+        self._outer: Interrupt | None = None
+
+    @property
+    def pressed(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self.told or (self._outer is not None and self._outer.pressed)
+
+    def hold(self) -> None:
+        """Hold Ctrl-C back from now on: there is an answer."""
+        self._holds = True
+
+    def watch(self, callback: Callable[[Any], None] | None = None) -> Callable[[Any], None]:
+        """A callback for the kernel that ends the run once Ctrl-C was pressed."""
+
+        def each(iteration: Any) -> None:
+            if not self.pressed and callback is not None:
+                callback(iteration)
+            if self.pressed:
+                raise StopIteration
+
+        return each
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is not threading.main_thread():
+            return self
+        self._before = signal.getsignal(signal.SIGINT)
+        # gmsh.initialize() leaves the system's default, which would end the process and lose what is done
+        if self._before in (_press, signal.default_int_handler, signal.SIG_DFL):
+            signal.signal(signal.SIGINT, _press)
+            self._outer = _open[-1] if _open else None
+            _open.append(self)
+            self._installed = True
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._installed:
+            _open.remove(self)
+            signal.signal(signal.SIGINT, self._before)
+            self._installed = False
+
+
+_open: list[Interrupt] = []
+"""Of the main thread, the outermost first."""
+
+
+def _press(number: int, frame: FrameType | None) -> None:
+    global _last_press
+    before, _last_press = _last_press, monotonic()
+    told = next((each for each in _open if each._holds), None)
+    if told is None or _open[-1].pressed or _last_press - before < TWICE:
+        signal.default_int_handler(number, frame)
+    else:
+        told.told = True
+
+
+def pressed() -> bool:
+    """Whether Ctrl-C was pressed in the run that this is a part of."""
+    main = threading.current_thread() is threading.main_thread()
+    return main and bool(_open) and _open[-1].pressed
+
+
+def stop_if_pressed() -> None:
+    """End a piece of work on which no other rank waits, if Ctrl-C was pressed in the run that it is for.
+
+    Raises
+    ------
+    Interrupted
+        It was.
+    """
+    if pressed() and all(each.alone for each in _open):
+        raise Interrupted
