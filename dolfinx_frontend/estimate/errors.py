@@ -22,7 +22,7 @@ from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
+from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error, with_dual
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results.accuracy import largest_of, remedy
@@ -462,7 +462,7 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
     """The error of the meshes, where it can be estimated."""
     try:
         # of a function there is no dual problem: the energy has to do
-        found = discretisation_error(result, quantity if isinstance(quantity, Resultant) else None)
+        found = discretisation_error(result, None if with_dual(result.problem, quantity) is None else quantity)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         return None

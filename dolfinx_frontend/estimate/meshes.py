@@ -144,6 +144,7 @@ class _Meshes(Judged):
         """
         try:
             options = self._adapt(method, **settings)
+            self._not_confirmed()
             assert self.result is not None
             problem = self.problem
             assert problem is not None
@@ -331,7 +332,19 @@ class _Meshes(Judged):
         for milder in (1.0, 0.5, 0.25):  # what the budget leaves
             step = fall**milder
             most = self.max_unknowns
-            found = finer(self.scene, problem, self.meshes, self.cells, step, self.edges, unseen, means, most)
+            found = finer(
+                self.scene,
+                problem,
+                self.meshes,
+                self.cells,
+                step,
+                self.edges,
+                unseen,
+                means,
+                most,
+                self.read,
+                self.weighted,
+            )
             size = int(sum(each.size * found.growth.get(name, 1.0) for name, each in parts.items()))
             size = max(size, int(found.too_large))
             first = first or size
