@@ -253,6 +253,9 @@ def solve(
     check_optional_kind("solve", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
     if comm == MPI.COMM_NULL:
         raise SceneError("solve: comm is MPI.COMM_NULL, or was freed; give another, or None")
+    if isinstance(problem, Scene) and accuracy is None and quantity is not None:
+        raise SceneError("a quantity goes with an accuracy: solve(scene, accuracy=1e-3, quantity=...)")
+    checked_flag("solve", "meshes", meshes)
     if isinstance(problem, Scene) and accuracy is not None:
         given_too = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in (given_too | {"meshes": None if meshes else meshes}).items():
@@ -282,7 +285,6 @@ def solve(
     given = {"plan": plan is None, "start": start is None, "meshes": meshes, "callback": callback is None}
     check_settings("solve", plan, method, **settings)
     checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
-    checked_flag("solve", "meshes", meshes)
     start_states(start)
     problem.check_alike("solve", laws=True, method=method, **told, **given, **settings)
     if accuracy is not None:

@@ -75,6 +75,9 @@ INTERRUPTED = "interrupted (Ctrl-C): what is nan was not measured"
 UNKNOWN = 0.3
 """Assumed decay of the modes from one degree to the next where it cannot be measured."""
 
+OF_POINTS = 1.5
+"""Times its estimate that the error of a number at a point is taken for: no second mesh confirms it."""
+
 REPLICATES = 4
 
 ZERO = 1e-9
@@ -466,6 +469,8 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         return None
+    if found.quantity is not None and not isinstance(quantity, Resultant):
+        found = replace(found, quantity=OF_POINTS * found.quantity)
     if found.quantity is None:
         return ErrorShare(found.energy + found.unseen, None, None, _how_of_meshes(found))
     return ErrorShare(found.energy, found.quantity + found.unseen, None, _how_of_meshes(found))

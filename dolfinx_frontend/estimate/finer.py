@@ -123,6 +123,7 @@ def finer(
     means: Collection[str] = (),
     most: float = np.inf,
     read: Mapping[str, Ints | slice] = MappingProxyType({}),
+    cut: Collection[str] = (),
     weighted: bool = True,
 ) -> Finer:
     """Finer meshes of those parts that decide; collective: a part is meshed on its rank, and all ranks know
@@ -146,6 +147,8 @@ def finer(
         Unknowns of all parts, about, above which nothing is meshed.
     read
         Parts that a number is read from -> their cells that are halved in any case.
+    cut
+        Parts that get smaller cells, not a higher degree.
     weighted
         Whether contributions are of the number that is asked for.
     """
@@ -171,8 +174,8 @@ def finer(
     least = min((float(each.min()) for each in ratios.values()), default=1.0)
     if least > WORTH:
         ratios = {name: each * (HALF / least) for name, each in ratios.items()}
-    # values at points of an interface, and the largest of them, need other points
-    at_edges = set() if weighted else set(read)
+    # a higher degree leaves the points of interfaces as they are, and with them what these do not see
+    at_edges = set(cut)
     beside_touched = {
         name: problem.interfaces[name].points
         for name in means

@@ -214,7 +214,8 @@ class Judged:
         of_quantity = found.quantity is not None
         self.weighted = of_quantity or self.quantity is None
         self.read = self._reads(result)
-        self.cut = all(name in old and len(self.meshes[name].sizes) > len(old[name].sizes) for name in self.read)
+        cut = all(name in old and len(self.meshes[name].sizes) > len(old[name].sizes) for name in self.read)
+        self.cut = cut or (self.cut and self.weighted)
         if of_quantity:
             size = self._size(value)
             estimate, least = (share_of(each or 0.0, size) for each in (found.seen, found.quantity))
@@ -425,17 +426,29 @@ class Judged:
             return {at.part: np.array([at.place.cell])}
         return dict.fromkeys(sorted(parts_read(result, self.quantity)), slice(None))
 
+    def _beside_curved(self) -> set[str]:
+        """Parts beside laws that are not linear."""
+        assert self.problem is not None
+        curved = [each for each in self.problem.interfaces.values() if not each.law.linear]
+        return {side.substructure for each in curved for side in each.sides}
+
+    def to_cut(self) -> set[str]:
+        """Parts that get smaller cells and no higher degree, which leaves the points of interfaces as they are:
+        those that are read, until their cells were cut once if there is an estimate; and beside laws that are
+        not linear."""
+        curved = self._beside_curved() if self.read else set()
+        return curved.union(() if self.weighted and self.cut and not curved else self.read)
+
     def _followed(self) -> bool:
-        """Whether the steps to the last meshes changed all parts that the number is read from; without an
-        estimate two of them, the last one by more cells, with changes that fall as where it converges."""
+        """Whether the step to the last mesh changed all parts that the number is read from, and one cut their
+        cells; without an estimate the last two, the last one by more cells, with changes that fall as where
+        it converges."""
         count = 1 if self.weighted else 2
         steps = self.steps[-count:] if len(self.steps) > count else []
-        if not steps or any(name not in step.changed for name in self.read for step in steps):
+        if not (steps and self.cut) or any(name not in step.changed for name in self.read for step in steps):
             return False
         if self.weighted:
             return True
-        if not self.cut:
-            return False
         before, last = self._changes(self.steps[-1].value)[-2:]
         return bool(last <= RATE * before or max(before, last) <= TINY * self.target)
 
@@ -475,6 +488,8 @@ class Judged:
         raised = [self.raised.get(k + 1, 0.0) > MOST_RAISED for k in range(len(falls))]
         most = np.where(raised, AT_DEGREE, SLOWEST)
         falls = np.clip(falls, least, most)
+        if self.read and self._beside_curved():  # what happens between points of an interface is in no estimate
+            falls = np.maximum(falls, HALVED)
         if self.edges:
             falls = np.maximum(falls, self._fastest())
         left, since = 0.0, 1.0

@@ -176,9 +176,26 @@ class _Meshes(Judged):
                 values = ", ".join(f"{k} = {v:.4g}" for k, v in self.acting.items() if isinstance(v, float))
                 self.notes.append(f"the answer is that at {values or 'other values of random loads'}")
             found = self.result.with_notes(found=made)
+        self._budgets_that_were_exceeded()
         made = found.errors()
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
         return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
+
+    def _budgets_that_were_exceeded(self) -> None:
+        """A word of what the first meshes take more than a budget: they are solved on in any case."""
+        assert self.problem is not None
+        if self.steps and self.problem.size > self.max_unknowns and len(self.steps) == 1:
+            self.notes.append(
+                f"the first meshes have {self.problem.size} unknowns, more than the budget of "
+                f"{self.max_unknowns}; give coarser ones, or max_unknowns="
+            )
+        spent = self._spent()
+        if self.max_seconds is not None and spent > self.max_seconds:
+            if not any(f"budget of {self.max_seconds:g} s" in note for note in self.notes):
+                self.notes.append(
+                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s, which ends the "
+                    "search for meshes only"
+                )
 
     def _of_points(
         self, method: Method, options: Options, settings: Mapping[str, Any]
@@ -343,6 +360,7 @@ class _Meshes(Judged):
                 means,
                 most,
                 self.read,
+                self.to_cut(),
                 self.weighted,
             )
             size = int(sum(each.size * found.growth.get(name, 1.0) for name, each in parts.items()))
