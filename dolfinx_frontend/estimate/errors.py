@@ -23,7 +23,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, pressed, stop_if_pressed
-from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
+from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error, with_dual
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results.accuracy import largest_of, remedy
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
@@ -75,6 +75,9 @@ with the square of such modes, and the prediction of a mode may be wrong by a fa
 INTERRUPTED = "interrupted (Ctrl-C): its errors as far as they were measured by then"
 UNKNOWN = 0.3
 """Assumed decay of the modes from one degree to the next where it cannot be measured."""
+
+OF_POINTS = 1.5
+"""Times its estimate that the error of a number at a point is taken for: no second mesh confirms it."""
 
 REPLICATES = 4
 
@@ -474,10 +477,12 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
     """The error of the meshes, where it can be estimated."""
     try:
         # of a function there is no dual problem: the energy has to do
-        found = discretisation_error(result, quantity if isinstance(quantity, Resultant) else None)
+        found = discretisation_error(result, None if with_dual(result.problem, quantity) is None else quantity)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         return None
+    if found.quantity is not None and not isinstance(quantity, Resultant):
+        found = replace(found, quantity=OF_POINTS * found.quantity)
     if found.quantity is None:
         return ErrorShare(found.energy + found.unseen, None, None, _how_of_meshes(found))
     return ErrorShare(found.energy, found.quantity + found.unseen, None, _how_of_meshes(found))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from ufl.domain import extract_domains
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
@@ -77,6 +78,9 @@ LEFT_ALONE = 0.5
 SMALLEST, LARGEST = 0.15, 1.25
 """Sizes of one step, relative to those before."""
 
+UNWEIGHTED = 0.02
+"""The same where contributions are of the energy, for a number that has no dual problem."""
+
 WORTH = 0.7
 """A part keeps its mesh if no cell is to become smaller than this, relative to what it is."""
 
@@ -119,6 +123,9 @@ def finer(
     unseen: Collection[str] = (),
     means: Collection[str] = (),
     most: float = np.inf,
+    read: Mapping[str, Ints | slice] = MappingProxyType({}),
+    cut: Collection[str] = (),
+    weighted: bool = True,
 ) -> Finer:
     """Finer meshes of those parts that decide; collective: a part is meshed on its rank, and all ranks know
     what was done.
@@ -139,13 +146,22 @@ def finer(
         Interfaces whose cells are halved if a part beside decides: what their means leave out nothing tells.
     most
         Unknowns of all parts, about, above which nothing is meshed.
+    read
+        Parts that a number is read from -> their cells that are halved in any case.
+    cut
+        Parts that get smaller cells, not a higher degree.
+    weighted
+        Whether contributions are of the number that is asked for.
     """
+    most_alone = LEFT_ALONE * fall if weighted else UNWEIGHTED
     sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
     left, alone = 0.0, []
     # those first whose finer meshes would cost most for what they bring
     for name in sorted(sums, key=lambda n: sums[n] / problem.parts[n].size):
-        if left + sums[name] > LEFT_ALONE * fall * total:
+        if name in read:
+            continue
+        if left + sums[name] > most_alone * total:
             break
         left += sums[name]
         alone.append(name)
@@ -153,10 +169,14 @@ def finer(
     ratios = _ratios(problem.dim, {n: cells[n] for n in touched}, fall * total - left)
     for name in unseen:
         ratios[name] = np.minimum(ratios.get(name, np.ones(len(cells[name]))), SMALLER)
+    for name, where in read.items():
+        each = ratios.setdefault(name, np.ones(len(cells[name])))
+        each[where] = np.minimum(each[where], HALF)
     least = min((float(each.min()) for each in ratios.values()), default=1.0)
     if least > WORTH:
         ratios = {name: each * (HALF / least) for name, each in ratios.items()}
-    at_edges = set()
+    # a higher degree leaves the points of interfaces as they are, and with them what these do not see
+    at_edges = set(cut)
     beside_touched = {
         name: problem.interfaces[name].points
         for name in means

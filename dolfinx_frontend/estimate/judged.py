@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt
 from dolfinx_frontend.common.progress import progress as bars
@@ -44,6 +44,7 @@ from dolfinx_frontend.estimate.mesh_error import (
     DiscretisationError,
     deviation_error,
     discretisation_error,
+    with_dual,
 )
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.estimate.zones import (
@@ -52,6 +53,7 @@ from dolfinx_frontend.estimate.zones import (
     acted,
     contact_edges,
     loading,
+    parts_read,
     places_of,
     values_of,
 )
@@ -59,6 +61,7 @@ from dolfinx_frontend.plan.plan import Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
+from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted
 from dolfinx_frontend.scene.scene import Scene
@@ -89,6 +92,14 @@ SURE = 2.0
 
 MARGIN = 1.5
 """What is believed, relative to the larger witness."""
+
+HALVED, RATE = 0.5, 0.71
+"""The factors between which an error is taken to fall from mesh to mesh where there is no estimate of it: of
+halved cells at a re-entrant corner, and the largest with which changes are taken for those of a sequence that
+converges."""
+
+TINY = 0.1
+"""Changes below this share of what the meshes may leave need not fall."""
 
 FORGOTTEN = 0.4
 """Weight of a change by those that came after it."""
@@ -168,6 +179,9 @@ class Judged:
         self.largest = 0.0
         self.given_up = False
         self.estimates: list[float] = []
+        self.read: dict[str, Ints | slice] = {}
+        self.weighted, self.cut = True, False
+        self.in_whole_numbers = False
         self.by_part: list[dict[str, float]] = []
         self.raised: dict[int, float] = {}
         self.edges: dict[str, Array] = {}
@@ -181,7 +195,8 @@ class Judged:
         self, problem: Problem, changed: dict[str, str], method: Method, options: Options, **settings: Any
     ) -> None:
         """Solve on the present meshes, and measure."""
-        self.problem, self.meshes = problem, cells_of(problem)
+        old, self.meshes = self.meshes, cells_of(problem)
+        self.problem = problem
         result = self._at(problem, self.result, method, options, settings)
         if not self.steps and self._acts_far_from_the_means(result, method, options, settings):
             result = self._at(problem, None, method, options, settings)
@@ -204,7 +219,11 @@ class Judged:
         of_loads = self._of_random_loads(method, options, settings)
         self.norms.append(found.norm)
         self.largest = max(self.largest, abs(value or 0.0))
-        of_quantity = isinstance(self.quantity, Resultant) and found.quantity is not None
+        of_quantity = found.quantity is not None
+        self.weighted = of_quantity or self.quantity is None
+        self.read = self._reads(result)
+        cut = all(name in old and len(self.meshes[name].sizes) > len(old[name].sizes) for name in self.read)
+        self.cut = cut or (self.cut and self.weighted)
         if of_quantity:
             size = self._size(value)
             estimate, least = (share_of(each or 0.0, size) for each in (found.seen, found.quantity))
@@ -234,9 +253,9 @@ class Judged:
             self.raised[len(self.steps)] = share
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         self.edges, across = contact_edges(result)
-        seen = self._change(value)
+        seen = self._change(value) if self.weighted else self._change_alone(value)
         said, how = estimate, "recovered stresses"
-        if self.quantity is not None and not of_quantity:
+        if not self.weighted:
             said, how = seen, "the change from mesh to mesh"
         elif isfinite(seen) and seen > estimate:
             said, how = seen, "the change from mesh to mesh"
@@ -266,11 +285,11 @@ class Judged:
             each.space != "points" and len(each.sides) == 2 and each.law.prescribes is None
             for each in problem.interfaces.values()
         )
-        alone = enough * sure <= self.target and not (self.edges or means or self._of_chords())
+        alone = enough * sure <= self.target and not (self.edges or means or self._of_chords() or self.read)
         # a zone of few points is believed where the change since a coarser one fits amply
         second = len(self.steps) > 1
         seen_well = across >= RESOLVED or (second and across >= SEEN and 2.0 * said <= self.target)
-        self.confirmed = (second or alone) and seen_well
+        self.confirmed = (self._followed() if self.read else second or alone) and seen_well
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
         if problem.rank == 0:
@@ -412,8 +431,43 @@ class Judged:
                 if not self.steps:
                     self.stays[where] = self.stays.get(where, 0.0) + each
 
+    def _reads(self, result: Result) -> dict[str, Ints | slice]:
+        """Part -> its cells that a step must make smaller for its change to say anything."""
+        if self.quantity is None or (self.weighted and isinstance(self.quantity, Resultant)):
+            return {}
+        at = with_dual(result.problem, self.quantity)
+        if self.weighted and isinstance(at, AtPoint):
+            return {at.part: np.array([at.place.cell])}
+        return dict.fromkeys(sorted(parts_read(result, self.quantity)), slice(None))
+
+    def _beside_curved(self) -> set[str]:
+        """Parts beside laws that are not linear."""
+        assert self.problem is not None
+        curved = [each for each in self.problem.interfaces.values() if not each.law.linear]
+        return {side.substructure for each in curved for side in each.sides}
+
+    def to_cut(self) -> set[str]:
+        """Parts that get smaller cells and no higher degree, which leaves the points of interfaces as they are:
+        those that are read, until their cells were cut once if there is an estimate; and beside laws that are
+        not linear."""
+        curved = self._beside_curved() if self.read else set()
+        return curved.union(() if self.weighted and self.cut and not curved else self.read)
+
+    def _followed(self) -> bool:
+        """Whether the step to the last mesh changed all parts that the number is read from, and one cut their
+        cells; without an estimate the last two, the last one by more cells, with changes that fall as where
+        it converges."""
+        count = 1 if self.weighted else 2
+        steps = self.steps[-count:] if len(self.steps) > count else []
+        if not (steps and self.cut) or any(name not in step.changed for name in self.read for step in steps):
+            return False
+        if self.weighted:
+            return True
+        before, last = self._changes(self.steps[-1].value)[-2:]
+        return bool(last <= RATE * before or max(before, last) <= TINY * self.target)
+
     def _measured(self, result: Result) -> DiscretisationError:
-        if isinstance(self.quantity, Resultant):
+        if self.quantity is not None and with_dual(result.problem, self.quantity) is not None:
             try:
                 return discretisation_error(result, self.quantity)
             except SceneError as error:
@@ -442,17 +496,14 @@ class Judged:
         """
         if not self.steps:
             return np.nan
-        if value is None:
-            squares = np.array(self.norms) ** 2
-            changes = np.sqrt(np.abs(np.diff(squares)) / max(squares[-1], 1e-300))
-        else:
-            values = np.array([*(step.value for step in self.steps), value], dtype=np.float64)
-            changes = np.array([share_of(each, self._size(value)) for each in np.diff(values)])
+        changes = self._changes(value)
         falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
         least = np.array([self._fastest_of_step(k + 1) for k in range(len(falls))])
         raised = [self.raised.get(k + 1, 0.0) > MOST_RAISED for k in range(len(falls))]
         most = np.where(raised, AT_DEGREE, SLOWEST)
         falls = np.clip(falls, least, most)
+        if self.read and self._beside_curved():  # what happens between points of an interface is in no estimate
+            falls = np.maximum(falls, HALVED)
         if self.edges:
             falls = np.maximum(falls, self._fastest())
         left, since = 0.0, 1.0
@@ -461,6 +512,40 @@ class Judged:
             of_one = since / np.sqrt(1.0 - fall**2) if value is None else since / (1.0 - fall)
             left = max(left, float(change * of_one))
         return left
+
+    def _changes(self, value: float | None) -> Array:
+        """Relative changes from mesh to mesh, to one with this value."""
+        if value is None:
+            squares = np.array(self.norms) ** 2
+            return np.asarray(np.sqrt(np.abs(np.diff(squares)) / max(squares[-1], 1e-300)))
+        values = [step.value for step in self.steps]
+        if len(values) < len(self.norms):  # of the present meshes there is no step yet
+            values.append(value)
+        changes = np.diff(np.array(values, dtype=np.float64))
+        return np.array([share_of(each, self._size(value)) for each in changes])
+
+    def _change_alone(self, value: float | None) -> float:
+        """The same for a number without an estimate, by the rate of the changes themselves."""
+        if not self.steps:
+            return np.nan
+        values = [step.value for step in self.steps]
+        self.in_whole_numbers = all(each == value and float(each).is_integer() for each in values)
+        if self.in_whole_numbers:
+            self.notes.append(
+                f"the value {value:g} does not change with the meshes, and a whole number need not: their error "
+                "is not known; ask for the number that it depends on"
+            )
+            self.given_up = True
+            return np.nan
+        changes = self._changes(value)
+        slow = AT_EDGES if self.edges else HALVED
+        if len(changes) < 2:
+            return float(changes[-1] * RATE / (1.0 - RATE))
+        before, last = changes[-2:]
+        fall = float(np.clip(last / max(before, 1e-300), slow, RATE))
+        if fall == RATE:
+            last = max(last, before)
+        return float(max(last, FORGOTTEN * slow * before) * fall / (1.0 - fall))
 
     def _fastest(self) -> float:
         """The least factor by which an error is taken to fall: what is unseen need not do as an estimate.
@@ -490,6 +575,8 @@ class Judged:
 
     def _fits(self) -> bool:
         assert self.result is not None
+        if self.in_whole_numbers:
+            return True
         if not self.result.converged:
             self.notes.append(f"the meshes were not carried on: the iteration ended as {self.result.status}")
             return True
@@ -504,6 +591,14 @@ class Judged:
         if self._cannot_be_told():
             return self._as_far_as_it_acts()
         return self.said <= self.target and self.confirmed
+
+    def _not_confirmed(self) -> None:
+        """Where a search ends with changes that tell no rate and yet would fit: nothing is known."""
+        if self.weighted or self.confirmed or self.share is None or not self.said <= self.target:
+            return
+        how = "the change from mesh to mesh, of too few meshes, or of changes that do not fall"
+        self.share = replace(self.share, energy=np.nan, quantity=np.nan, how=how)
+        self.steps[-1] = self.steps[-1]._replace(error=np.nan)
 
     def _one_mesh_alone(self) -> None:
         """Where a search ends on its first mesh, which is not believed: what it says without cancellation."""

@@ -7,6 +7,9 @@ of an interface z is the answer to a unit jump imposed on it, for a mean jump to
 one more column of the factorised kernel of the result. For nonlinear laws z is the answer to a small
 change, from the solution on: points that touch go on touching.
 
+For a number at a point z is the answer to the load whose work is what the cell with the point gives. That is
+a mean over the cell, weighted; how far the stress at the point is from it the recovered gradient there says.
+
 What is not seen: the shape of curved faces that straight cells round off, the error of the law itself
 between the points of an interface, and the algebraic error.
 """
@@ -38,12 +41,19 @@ from dolfinx_frontend.kernel.fitting import fitted
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
+from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Resultant, interest
+from dolfinx_frontend.results.resultant import Interest, Measure, Resultant, Wanted, interest
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
 
-__all__ = ["DeviationError", "DiscretisationError", "deviation_error", "discretisation_error"]
+__all__ = [
+    "DeviationError",
+    "DiscretisationError",
+    "deviation_error",
+    "discretisation_error",
+    "with_dual",
+]
 
 
 SMALL = 1e-3
@@ -141,6 +151,15 @@ class DiscretisationError:
         return f"{text}; quantity of interest {self.value:.6g} +- {self.quantity:.2g}"
 
 
+def with_dual(problem: Problem, quantity: Wanted | None) -> Resultant | AtPoint | None:
+    """The quantity if it has a dual problem, at points in the meshes of a problem; None: it has none."""
+    if isinstance(quantity, Resultant):
+        return quantity
+    if not isinstance(quantity, Measure) or not isinstance(quantity.function, AtPoint):
+        return None
+    return quantity.function.on(problem) if problem.comm is None else None
+
+
 @together("discretisation_error")
 def discretisation_error(
     result: Result, quantity: Interest = None, step: int = -1
@@ -156,7 +175,8 @@ def discretisation_error(
         Of :func:`dolfinx_frontend.solve`. Of a chaos: the error of the mean field, with a dual problem at the
         mean of the parameters.
     quantity
-        A total force or a mean jump of an interface; a name means its total normal force.
+        A total force or a mean jump of an interface; a name means its total normal force. Or an
+        :class:`AtPoint` on one rank, which has its own step.
     step
         Of a load history. Laws with memory: the dual problem is that of a change from the beginning on.
 
@@ -184,21 +204,26 @@ def discretisation_error(
         )
     check_step(result.times, step, "discretisation_error")
     problem = result.problem
-    quantity = interest(problem.interfaces, quantity)
-    if quantity is not None and not isinstance(quantity, Resultant):
+    wanted = interest(problem.interfaces, quantity)
+    number = with_dual(problem, wanted)
+    if wanted is not None and number is None:
         raise SceneError(
-            f"discretisation_error: {quantity} has no dual problem; give a Resultant, or None for the energy"
+            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint on one rank, or "
+            "None for the energy"
         )
-    problem.check_alike("discretisation_error", quantity=quantity, step=step)
+    problem.check_alike("discretisation_error", quantity=wanted, step=step)
+    at = number if isinstance(number, AtPoint) else None
+    if at is not None:
+        step = check_step(result.times, at.step, "discretisation_error") if result.times is not None else -1
     with agreement(problem.comm):
         problem.check_sources()
     fields = {name: _at(result, u, step) for name, u in result.displacements.items()}
     began = perf_counter()
     dual: _Dual | None = None
     value = None
-    if quantity is not None:
-        dual = _Dual.of(result, quantity, step, fields)
-        value = _value(result, quantity, step, fields)
+    if number is not None:
+        dual = _Dual.of(result, number, step, fields)
+        value = _value(result, number, step, fields)
     z = {} if dual is None else dual.solve()
     solved = perf_counter()
     with agreement(problem.comm), np.errstate(over="ignore", invalid="ignore"):  # told below
@@ -207,6 +232,10 @@ def discretisation_error(
         for name, part in problem.own.substructures.items():
             stop_if_pressed()
             found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
+        local = 0.0
+        if at is not None:
+            local = _within_cell(result, at, fields[at.part])
+            cells[at.part][at.place.cell] += local
     found = problem.gather(found, parts=True)
     # of rigid motions rounding may leave an energy below 0
     whole = float(np.sqrt(max(sum(each.norm for each in found.values()), 0.0)))
@@ -219,26 +248,26 @@ def discretisation_error(
     seconds = {"dual": solved - began, "recovery": perf_counter() - solved}
     total = sum(found.values(), start=_Errors())
     energy = float(np.sqrt(total.error)) / whole if whole else 0.0
-    size = value if quantity is not None and value is not None else whole**2
+    size = value if value is not None else whole**2
     others = other_sides(problem, fields, z or fields)
     with agreement(problem.comm):
         shapes = of_shapes(problem, fields, z, size)
         means = of_springs(problem, fields, z or fields, others)
     shapes, means = problem.gather(shapes, parts=True), problem.gather(means)
-    if quantity is None:
+    if number is None:
         squared = max(whole**2, 1e-300)
         shapes, means = ({n: 0.5 * e / squared for n, e in each.items()} for each in (shapes, means))
         return DiscretisationError(
             energy, parts, seconds=seconds, cells=cells, norm=whole, round=shapes, means=means
         )
-    seen = max(abs(total.product), float(np.sqrt(total.squares)))
+    seen = max(abs(total.product), float(np.sqrt(total.squares))) + local
     return DiscretisationError(
         energy,
         parts,
-        max(seen, abs(total.more), UNSIGNED * total.apart),
+        max(seen, abs(total.more) + local, UNSIGNED * total.apart + local),
         value,
         total.product,
-        float(np.sqrt(total.error * total.of_dual)),
+        float(np.sqrt(total.error * total.of_dual)) + local,
         {name: each.product for name, each in found.items()},
         seconds,
         cells,
@@ -247,6 +276,22 @@ def discretisation_error(
         means,
         seen,
     )
+
+
+def _within_cell(result: Result, at: AtPoint, u: Array) -> float:
+    """How far a stress at a point is from the one with the recovered gradient there, in its unit.
+
+    Of displacements (n,) that fill the same cell with the recovered gradient: the number at the point is what
+    the derivatives give of the difference.
+    """
+    if at.of == "displacement":
+        return 0.0
+    unknowns, slopes = at.slopes(result.shown())
+    made, d = recovery(at.problem.substructures[at.part]), at.problem.dim
+    field = made.gradient_field(u)
+    nodes = np.asarray(field.function_space.dofmap.list)[at.place.cell]
+    gradient = (at.place.shape @ field.x.array.reshape(-1, d * d)[nodes]).reshape(d, d)
+    return abs(float(slopes @ (at.moved(u, gradient) - u[unknowns])))
 
 
 class DeviationError(NamedTuple):
@@ -399,9 +444,11 @@ def _is_reaction(result: Result, name: str) -> bool:
 
 
 def _value(
-    result: Result, quantity: Resultant, step: int, fields: Mapping[str, Array]
+    result: Result, quantity: Resultant | AtPoint, step: int, fields: Mapping[str, Array]
 ) -> float:
     """The quantity in the result, at a step; collective."""
+    if isinstance(quantity, AtPoint):
+        return float(quantity(result.shown())[0])
     name = quantity.interface
     if quantity.of == "force" and _is_reaction(result, name):
 
@@ -450,9 +497,11 @@ class _Dual:
 
     @classmethod
     def of(
-        cls, result: Result, quantity: Resultant, step: int, fields: Mapping[str, Array]
+        cls, result: Result, quantity: Resultant | AtPoint, step: int, fields: Mapping[str, Array]
     ) -> _Dual | None:
         """The dual problem; None where the scene prescribes the quantity. Collective."""
+        if isinstance(quantity, AtPoint):
+            return cls._of_point(result, quantity, step, fields)
         problem, plan, name = result.problem, result.plan, quantity.interface
         check_known("interface", name, problem.interfaces, "problem")
         loads: dict[str, Array] = {}
@@ -488,17 +537,28 @@ class _Dual:
                 loads[part.name] = -(part.matrix @ unit.ravel())
             elif not _is_reaction(result, name):
                 loads = _pull(problem, quantity, law)
-        size = max((float(np.abs(u).max()) for u in fields.values()), default=0.0)
-        if problem.comm is not None:
-            size = max(exchanged(problem.comm, size))
+        size = _largest(problem, fields)
         parts = [problem.parts[side.substructure] for side in problem.interfaces[name].sides]
         unit_ = size or min(part.length for part in parts)
         if quantity.of == "jump":  # of forces, whose sum is 1
             unit_ *= min(part.modulus * part.length ** (part.dim - 2) for part in parts)
-        if not _linear(result):
-            unit_ *= SMALL
-        column = step % len(plan.times) if plan.times is not None and plan.history == "steps" else 0
-        return cls(result, loads, jump, lift, unit_, column)
+        return cls(result, loads, jump, lift, unit_, _column(result, step))
+
+    @classmethod
+    def _of_point(cls, result: Result, at: AtPoint, step: int, fields: Mapping[str, Array]) -> _Dual:
+        part = at.problem.substructures[at.part]
+        load = np.zeros(part.size)
+        unknowns, slopes = at.slopes(result.shown())
+        load[unknowns] = slopes
+        unit = _largest(result.problem, fields) or part.length
+        # forces of 1, or slopes of a stress, modulus / length
+        unit *= part.length ** (part.dim - 1) if at.of == "stress" else part.modulus * part.length ** (part.dim - 2)
+        return cls(result, {part.name: load}, {}, {}, unit, _column(result, step))
+
+    @property
+    def amount(self) -> float:
+        """Size of the change that is solved: a small one where laws are nonlinear."""
+        return self.unit if _linear(self.result) else SMALL * self.unit
 
     def solve(self) -> dict[str, Array]:
         """z by substructure of this rank, (n,); collective."""
@@ -523,7 +583,7 @@ class _Dual:
         out = {}
         for name in result.problem.own.substructures:
             difference = moved[name][:, self.column] - base[name][:, self.column]
-            out[name] = difference / self.unit + self.lift.get(name, 0.0)
+            out[name] = difference / self.amount + self.lift.get(name, 0.0)
         return out
 
     def _base(self, laws: Laws) -> State:
@@ -536,7 +596,7 @@ class _Dual:
     def _in_own_basis(self) -> dict[str, Array]:
         """Displacements with the change by multigrid: the basis of the result is not made for them."""
         problem, plan = self.result.problem, self.result.plan
-        amplitudes = np.vstack([plan.amplitudes, np.full(plan.amplitudes.shape[1], self.unit)])
+        amplitudes = np.vstack([plan.amplitudes, np.full(plan.amplitudes.shape[1], self.amount)])
 
         def applied(laws: Laws) -> Laws:
             return laws.with_(parameters=self._jumps(laws))
@@ -575,15 +635,27 @@ class _Dual:
         extra: dict[str, Array] = {}
         for name, load in self.loads.items():
             extra[name] = np.zeros((len(load), self.result.solver.loads), order="F")
-            extra[name][:, pattern] = self.unit / factor * load
+            extra[name][:, pattern] = self.amount / factor * load
         return laws.with_(parameters=self._jumps(laws), extra_loads=extra)
 
     def _jumps(self, laws: Laws) -> dict[str, dict[str, Array]]:
         """Jumps with the change."""
         return {
-            name: {"jump": laws.parameter(name, "jump") + self.unit * jump}
+            name: {"jump": laws.parameter(name, "jump") + self.amount * jump}
             for name, jump in self.jump.items()
         }
+
+
+def _largest(problem: Problem, fields: Mapping[str, Array]) -> float:
+    """The largest displacement; collective."""
+    size = max((float(np.abs(u).max()) for u in fields.values()), default=0.0)
+    return size if problem.comm is None else float(max(exchanged(problem.comm, size)))
+
+
+def _column(result: Result, step: int) -> int:
+    """The column of the kernel that has a step."""
+    plan = result.plan
+    return step % len(plan.times) if plan.times is not None and plan.history == "steps" else 0
 
 
 def _linear(result: Result) -> bool:

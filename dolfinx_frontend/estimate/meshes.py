@@ -153,6 +153,7 @@ class _Meshes(Judged):
                 if self.answered is None:
                     raise
                 found = self._so_far(*self.answered)
+        self._budgets_that_were_exceeded()
         made = found.errors()
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
         return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
@@ -198,6 +199,22 @@ class _Meshes(Judged):
             nan = None if self.quantity is None else np.nan
             made = replace(made, truncation=ErrorShare(np.nan, nan, None, "the scatter is not computed"))
         return with_errors(result, made, self.accuracy, self.share, notes)
+
+    def _budgets_that_were_exceeded(self) -> None:
+        """A word of what the first meshes take more than a budget: they are solved on in any case."""
+        assert self.problem is not None
+        if self.steps and self.problem.size > self.max_unknowns and len(self.steps) == 1:
+            self.notes.append(
+                f"the first meshes have {self.problem.size} unknowns, more than the budget of "
+                f"{self.max_unknowns}; give coarser ones, or max_unknowns="
+            )
+        spent = self._spent()
+        if self.max_seconds is not None and spent > self.max_seconds:
+            if not any(f"budget of {self.max_seconds:g} s" in note for note in self.notes):
+                self.notes.append(
+                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s, which ends the "
+                    "search for meshes only"
+                )
 
     def _of_points(
         self, method: Method, options: Options, settings: Mapping[str, Any]
@@ -352,7 +369,20 @@ class _Meshes(Judged):
         for milder in (1.0, 0.5, 0.25):  # what the budget leaves
             step = fall**milder
             most = self.max_unknowns
-            found = finer(self.scene, problem, self.meshes, self.cells, step, self.edges, unseen, means, most)
+            found = finer(
+                self.scene,
+                problem,
+                self.meshes,
+                self.cells,
+                step,
+                self.edges,
+                unseen,
+                means,
+                most,
+                self.read,
+                self.to_cut(),
+                self.weighted,
+            )
             size = int(sum(each.size * found.growth.get(name, 1.0) for name, each in parts.items()))
             size = max(size, int(found.too_large))
             first = first or size

@@ -276,6 +276,10 @@ class Recovery:
             out[dofs[some]] = value
         return target
 
+    def gradient_field(self, u: Array) -> fem.Function:
+        """Recovered gradient of unknowns (n,), of the element's degree, (d, d)."""
+        return self.recovered(u, self._form[1][0].function_space)
+
     def energies(self, fields: Sequence[Array]) -> Array:
         """a(e_i, e_j): energy products of the estimated errors of solutions (n,), force * length.
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,15 @@ from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.errors import Place
+from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Wanted
+from dolfinx_frontend.results.resultant import Quantile, Resultant, Wanted
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["RESOLVED", "SEEN", "acted", "contact_edges", "loading", "places_of", "soft_springs", "values_of"]
+__all__ = ["RESOLVED", "SEEN", "acted", "contact_edges", "loading", "parts_read", "places_of", "soft_springs", "values_of"]
 
 COARSER = 1.5
 """Facets of the side with the points, relative to those of the other side, at most."""
@@ -114,6 +116,43 @@ def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]
             own[name] = Place(name, sums[name] / total, at, len(cells[name]), size)
     found = problem.gather(own, parts=True)
     return tuple(found[name] for name in ranked)
+
+
+def parts_read(result: Result, quantity: Wanted) -> set[str]:
+    """Parts that a number is read from, or on which an interface lies that it is read from; over several ranks,
+    or where a function reads no field, all parts."""
+    problem = result.problem
+    inner = quantity.inner if isinstance(quantity, Quantile) else quantity
+    found: set[str] = set()
+
+    def beside(interface: str) -> None:
+        if interface in problem.interfaces:
+            found.update(side.substructure for side in problem.interfaces[interface].sides)
+
+    if isinstance(inner, Resultant):
+        beside(inner.interface)
+        return found
+    if problem.comm is not None:
+        return set(problem.parts)
+
+    def told(read: Callable[..., Any], tell: Callable[[str], None]) -> Callable[..., Any]:
+        def reads(name: str, *more: Any) -> Any:
+            tell(name)
+            return read(name, *more)
+
+        return reads
+
+    block = result.shown()
+    shown = replace(
+        block,
+        _both=told(block._both, beside),
+        _contact=told(block._contact, beside),
+        _force=None if block._force is None else told(block._force, beside),
+        _displacement=told(block._displacement, found.add),
+    )
+    function = inner.function
+    (function.on(problem) if isinstance(function, AtPoint) else function)(shown)
+    return found or set(problem.parts)
 
 
 def loading(random: RandomLaws) -> list[tuple[str, Source]]:

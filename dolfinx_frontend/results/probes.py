@@ -122,27 +122,61 @@ class AtPoint:
         found = self.problem.initial_stresses(self.part)
         return [(load, parameter, self._evaluated(stress)) for load, parameter, stress in found]
 
+    @property
+    def place(self) -> Place:
+        """Where the point is in the mesh."""
+        return self._place
+
+    def slopes(self, block: Block) -> tuple[Ints, Array]:
+        """Unknowns (k,) of the cell, and the derivatives (k,) of the number by them at one sample."""
+        if self.of == "displacement":
+            rows = np.zeros((len(self._place.nodes), self._s.dim))
+            rows[:, _AXES.index(self.component)] = self._place.shape
+            return self._unknowns, rows.ravel()
+        tensor, factor = (each[0] for each in self._tensors(block))
+        along = np.zeros_like(tensor)
+        if self.component == "mises":
+            deviator = tensor - np.trace(tensor) / 3.0 * np.eye(3)
+            along = 1.5 * deviator / max(float(von_mises(tensor[None])[0]), 1e-300)
+        else:
+            along[tuple(_AXES.index(a) for a in self.component)] = 1.0
+        return self._unknowns, factor * (along.ravel() @ self._rows)
+
+    def moved(self, u: Array, gradient: Array) -> Array:
+        """Unknowns (k,) of the cell for those (n,) of the part, with the same displacement at the point and
+        another gradient (d, d) everywhere."""
+        nodes = self._s.space.tabulate_dof_coordinates()[self._place.nodes, : self._s.dim]
+        there = self._place.shape @ u.reshape(-1, self._s.dim)[self._place.nodes]
+        return np.asarray(there + (nodes - self.point) @ gradient.T).ravel()
+
     def __call__(self, block: Block) -> Array:
         """The number in the samples of a block, (n,)."""
-        u = block.displacement(self.part, self._unknowns)
-        steps = u.ndim == 3
-        u = u[:, self.step] if steps else u
         if self.of == "displacement":
-            shaped = u.reshape(len(u), -1, self._s.dim)[:, :, _AXES.index(self.component)]
-            return np.asarray(shaped @ self._place.shape)
-        stress = u @ self._rows.T
-        for load, parameter, initial in self._initial:
-            number = block.load(load, parameter)
-            number = number[:, self.step] if steps else number
-            stress = stress - np.broadcast_to(number, (len(u),))[:, None] * initial
-        factor = block.factor(self.part)
-        stress = (factor[:, None] if factor.ndim == 1 else factor[:, [self._place.cell]]) * stress
-        n = round(stress.shape[1] ** 0.5)
-        tensor = stress.reshape(-1, n, n)
+            u = self._read(block).reshape(-1, len(self._place.nodes), self._s.dim)
+            return np.asarray(u[:, :, _AXES.index(self.component)] @ self._place.shape)
+        tensor, _ = self._tensors(block)
         if self.component == "mises":
             return von_mises(tensor)
         i, j = (_AXES.index(a) for a in self.component)
         return np.asarray(tensor[:, i, j])
+
+    def _read(self, block: Block) -> Array:
+        """Unknowns of the cell (n, k)."""
+        u = block.displacement(self.part, self._unknowns)
+        return u[:, self.step] if u.ndim == 3 else u
+
+    def _tensors(self, block: Block) -> tuple[Array, Array]:
+        """Stresses (n, d, d), and what the stiffness is multiplied with there, (n,)."""
+        u = self._read(block)
+        stress = u @ self._rows.T
+        for load, parameter, initial in self._initial:
+            number = block.load(load, parameter)
+            number = number[:, self.step] if number.ndim == 2 else number
+            stress = stress - np.broadcast_to(number, (len(u),))[:, None] * initial
+        factor = block.factor(self.part)
+        factor = factor if factor.ndim == 1 else factor[:, self._place.cell]
+        n = round(stress.shape[1] ** 0.5)
+        return (factor[:, None] * stress).reshape(-1, n, n), factor
 
 
 def reaction_of(answer: Answer, interface: str, component: str, step: int = -1) -> Callable[[Block], Array]:

@@ -322,36 +322,37 @@ class Quantile:
     @property
     def needs_states(self) -> bool:
         """Whether samples must keep their states."""
-        return self._inner.needs_states
+        return self.inner.needs_states
 
     @property
     def interface(self) -> str | None:
         """Interface that the quantity is of; None: it is a function."""
-        return self._inner.interface
+        return self.inner.interface
 
     def __repr__(self) -> str:
-        return f"Quantile({self._inner}, {self.level:g})"
+        return f"Quantile({self.inner}, {self.level:g})"
 
     @property
-    def _inner(self) -> Resultant | Measure:
+    def inner(self) -> Resultant | Measure:
+        """The quantity that it is a value of."""
         if isinstance(self.of, str):
             return Resultant(self.of)
         return self.of if isinstance(self.of, Resultant | Measure) else measure(self.of)
 
     def __str__(self) -> str:
-        return f"{100.0 * self.level:g} % quantile of {self._inner}"
+        return f"{100.0 * self.level:g} % quantile of {self.inner}"
 
     def at_end(self, answer: Any, fields: Any) -> Array:
         """The quantity (N,) in samples."""
-        return self._inner.at_end(answer, fields)
+        return self.inner.at_end(answer, fields)
 
     def everywhere(self, result: Any) -> Array:
         """The quantity in a result, on all ranks; collective."""
-        return self._inner.everywhere(result)
+        return self.inner.everywhere(result)
 
     def sampled(self, result: Any) -> Array:
         """The quantity (N,) at samples of a chaos; collective."""
-        return self._inner.sampled(result)
+        return self.inner.sampled(result)
 
     def statistic(self, values: Array, weights: Array) -> tuple[float, float | None]:
         """The quantile of values (N,) with weights (N,) of sum 1, which has no deviation."""

@@ -18,6 +18,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error
 from dolfinx_frontend.geometry import SizeField, from_gmsh, gmsh_session, remeshable
 from dolfinx_frontend.geometry.parts import Part, located
+from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.resultant import Measure, Resultant
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
@@ -279,6 +280,17 @@ def test_a_function_of_the_fields_is_witnessed_by_its_changes() -> None:
     made = result.errors()
     assert made.discretisation is not None and "change" in made.discretisation.how
     assert len(made.steps) > 1
+
+
+@pytest.mark.parametrize("accuracy", [3e-2, 5e-3])
+def test_a_shear_stress_beside_a_joint(accuracy: float) -> None:
+    """Uniform meshes of degree 3 with 19 012 and 74 884 unknowns give 0.693981 and 0.693963. The parts that
+    the energy decides were made finer, not the one with the point: said 0.2 % and was off by 15 %."""
+    scene = corner_scene()
+    at = AtPoint(assemble(scene), "block", (0.5, 2.5), "stress", "xy")
+    made = solve(scene, accuracy=accuracy, quantity=at, progress=False).errors()
+    assert made.reached and made.moments is not None
+    assert abs(made.moments.mean / 0.69396 - 1.0) <= accuracy
 
 
 def test_the_energy_norm() -> None:
