@@ -543,12 +543,14 @@ class _Search:
             if judges is None:
                 judges = few_witnesses(result, quantity, of_seen, complete, self.target)
                 self._look_far(quantity, judges)
-            found = self._of_tails(quantity, each)
+            found = self._of_scores(quantity, each) if self.tails else None
             if found is None and not self._alone():
                 found = by_rules(result, quantity, self.target, rtol, judges)
                 if found is not None and self.tails:
                     found = found[0], beside_tails(found[1], self.tails, result.space, judges.points)
                     found = found if found[1].total <= self.accuracy else None
+            if found is None and not self.tails:
+                found = self._of_scores(quantity, each)
             if found is None and result.space.continuous == (True,) and not self._endless():
                 found = by_panels(result, quantity, self.target, each, self.tails)
             if found is not None:
@@ -558,10 +560,10 @@ class _Search:
         self.notes += notes
         return samples, beside_tails(made, self.tails, result.space, samples.germs, FEW_BEYOND)
 
-    def _of_tails(self, quantity: Wanted, rtol: float) -> tuple[SampleResult, Errors] | None:
-        """Rules that reach far out along several germs, if they are needed and there are no kinks."""
+    def _of_scores(self, quantity: Wanted, rtol: float) -> tuple[SampleResult, Errors] | None:
+        """Rules in the normal scores of several germs, if there are no kinks."""
         smooth = isinstance(quantity, Resultant) and not self.result.collocations
-        if not (smooth and self.tails) or self._endless() or self.result.space.dimension == 1:
+        if not smooth or self._endless() or self.result.space.dimension == 1:
             return None
         return by_long_rules(self.result, quantity, self.target, rtol, self.tails)
 

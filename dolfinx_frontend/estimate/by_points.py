@@ -382,10 +382,10 @@ class _Samples:
     def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
         """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
 
-        Those of polynomials without kinks are exact. Of others that of the last one is made by many points, what
+        Those of polynomials without kinks are exact, where these keep within their range. Of others that of the last one is made by many points, what
         the others differ by, which is little, by fewer.
         """
-        if not len(fit.signs) and not isinstance(self.quantity, Quantile):
+        if not len(fit.signs) and not isinstance(self.quantity, Quantile) and self._unbounded(fit):
             first, rest = fit.coefficients[0, 0], np.sum(fit.coefficients[0, 1:] ** 2, axis=0)
             off = (first - about[0]) / about[1]
             return np.column_stack([off, off**2 + rest / about[1] ** 2])[:-1], np.zeros(2)
@@ -400,6 +400,13 @@ class _Samples:
         beside = every[:, :-1] - every[:, -1:]
         doubts = doubts + SURE * beside.std(axis=0, ddof=1).max(axis=0) / np.sqrt(SETS)
         return of_all.mean(axis=0) + beside.mean(axis=0), doubts
+
+    def _unbounded(self, fit: Hinged) -> bool:
+        """Whether a fit keeps within its range at wide points: beyond, it is no polynomial."""
+        basis = self.space.basis(Chaos(order=fit.order))
+        lower, upper = fit.range
+        values = (fit.of_terms(basis.evaluate(self._many(FIRST_COUNT, k)[0])) for k in range(SETS))
+        return all(bool(np.all((lower < v) & (v < upper))) for v in values)
 
     def _integrals(self, fit: Hinged, about: tuple[float, float], count: int, which: slice) -> Array:
         """Means (SETS, fits, k) of the controls of some fits over as many sets of this many points."""

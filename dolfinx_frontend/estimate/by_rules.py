@@ -49,8 +49,10 @@ BEYOND = 2.0
 HIGHEST = 0.999
 """Leverage of a point at most."""
 
-LONG_RULES, MOST_LONG = ((24, 5), (32, 7), (40, 10), (48, 14), (56, 20)), 4096
+LONG_RULES, MOST_LONG = ((24, 5), (32, 7), (40, 10), (48, 14), (56, 20), (64, 28), (72, 40)), 4096
 """Points of the rules that reach far out, along germs with tails and along others, and of all at most."""
+
+BEYOND_ALL = ", and what is beyond them"
 
 AGAIN = 2
 """Points of a rule that are solved again, to a hundredth of the tolerance."""
@@ -152,13 +154,14 @@ def by_rules(
 
 
 def by_long_rules(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float, tails: Sequence[Tail]
+    result: ChaosResult, quantity: Wanted, target: float, rtol: float, tails: Sequence[Tail] = ()
 ) -> tuple[SampleResult, Errors] | None:
-    """Tensor rules that reach to the last points of the `tails` of a smooth quantity, which stand for all that
-    is beyond; Gauss rules in the other germs. None: they do not converge in time.
+    """Tensor rules in the normal scores of few germs for a smooth quantity; None: they do not converge in time.
 
-    Along a germ q^2 and the normal density make about a bell, which Gauss-Legendre points of its whole width
-    integrate as fast as a Gauss rule does a polynomial. What one rule changes to the next is its error.
+    The inverse of a sum of stiffnesses is close to an exponential of normal scores, where in the germs of Gamma's
+    or Beta's laws it has a singularity at the end. Gauss-Hermite points do, and along a germ with one of the
+    `tails` Gauss-Legendre points to its last point, which stands for all that is beyond: q^2 times the density is
+    a wide bell. What one rule changes to the next is its error.
     """
     space, rtol = result.space, min(rtol, FINE)
     heavy = {tail.germ for tail in tails}
@@ -167,7 +170,7 @@ def by_long_rules(
         rules = [
             _long_rule(space, germ, [t for t in tails if t.germ == germ], long)
             if germ in heavy
-            else _gauss_rule(space, germ, short)
+            else _short_rule(space, germ, short)
             for germ in range(space.dimension)
         ]
         if np.prod([len(w) for _, w in rules]) > MOST_LONG:
@@ -180,7 +183,7 @@ def by_long_rules(
             size, whole = size_of(value, quantity), whole_of(value, rtol, quantity) or 0.0
             spread = value.std or 0.0
             # the quantity is as far off where the other germs are elsewhere, by more in the square
-            off = SAFE * np.sum([tail.off() for tail in tails], axis=0)
+            off = SAFE * np.sum([np.zeros(2), *(tail.off() for tail in tails)], axis=0)
             of_mean = abs(value.mean - before.mean) + float(off[0])
             of_std = abs(spread - (before.std or 0.0)) + share_of(float(off[1]), 2.0 * spread)
             if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
@@ -188,7 +191,7 @@ def by_long_rules(
                 away = checked_cold(result, samples, quantity, values, tails=True)
                 if not away <= 0.3 * target * min(size, whole):
                     return None
-                how = f"the change to {len(points)} points that reach far out, and what is beyond them"
+                how = f"the change to {len(points)} points of normal scores" + BEYOND_ALL * bool(tails)
                 truncation = ErrorShare(np.nan, of_mean, of_std, how)
                 made = of_solved_again(samples, away, truncation, quantity, value, whole)
                 seconds = sum(samples.seconds.values())
@@ -210,13 +213,16 @@ def _long_rule(space: RandomSpace, germ: int, tails: Sequence[Tail], count: int)
     return np.array(points), np.array([*(half * weights * density), *(tail.weight for tail in tails)])
 
 
-def _gauss_rule(space: RandomSpace, germ: int, count: int) -> tuple[Array, Array]:
-    """Points (n,) and weights (n,) of the Gauss rule of one germ."""
-    most = space.germs[germ].capacity
-    counts = [1] * space.dimension
-    counts[germ] = count if most is None else min(count, most)
-    rule = space.tensor_gauss(counts)
-    return np.asarray(rule.points)[:, germ], np.asarray(rule.weights)
+def _short_rule(space: RandomSpace, germ: int, count: int) -> tuple[Array, Array]:
+    """Values (n,) and weights (n,) of a Gauss rule in the normal score of a germ; of a discrete one its own."""
+    if not space.continuous[germ]:
+        counts = [1] * space.dimension
+        counts[germ] = min(count, space.germs[germ].capacity or count)
+        rule = space.tensor_gauss(counts)
+        return np.asarray(rule.points)[:, germ], np.asarray(rule.weights)
+    z = np.zeros((count, space.dimension))
+    z[:, germ], weights = np.polynomial.hermite_e.hermegauss(count)
+    return space.from_normal(z)[:, germ], weights / weights.sum()
 
 
 def _solved(
