@@ -103,9 +103,9 @@ TIGHT = 3e-3
 energy, and the last digits take Newton's method one iteration."""
 
 LOOSEST, LOOSEST_LINEAR, LOOSEST_ALONE = 1e-8, 1e-6, 1e-4
-"""Loosest tolerances of points, of nonlinear laws and of linear ones: a run that starts from a neighbour whose
-contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of the points of a
-chain of soft layers). Of points that start from nothing it does not."""
+"""Loosest tolerances of points, of nonlinear laws and of linear ones: a run that starts from a neighbour
+whose contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of the
+points of a chain of soft layers). One that starts from nothing does not: the loosest of these."""
 
 OF_WITNESSES = 6e-3
 """Tolerance of the witnesses of a rule, relative to the root of the accuracy of the deviation, as squares of
@@ -118,8 +118,8 @@ MOST_INSTEAD = 1024
 """Points at most that are tried before a chaos whose modes random fields couple."""
 
 MOST_ENDLESS, FEW_BEYOND = 1024, 16
-"""Samples at most where there is no finite deviation, and how many of them must be beyond a score so that they
-say what is there."""
+"""Samples at most where there is no finite deviation, and how many of them must be beyond a score so that
+they say what is there."""
 
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""

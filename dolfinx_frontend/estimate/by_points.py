@@ -50,15 +50,12 @@ from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["by_panels", "by_samples", "of_solved_again"]
 
-
 MOST_SAMPLES, MOST_CHEAP_SAMPLES, CHEAP = 8192, 65_536, 60.0
 """Samples at most, and where so many take less than that many seconds by their price on the core whose
 rates it has: how many are taken must not depend on what else the machine does."""
 
 LEAST_SAMPLES = 16
 """Samples of a set that the search begins with."""
-
-
 
 FORGOTTEN = 0.5
 """Weight of the change of the rule before: with a kink, a change can be small by chance."""
@@ -382,8 +379,8 @@ class _Samples:
     def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
         """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
 
-        Those of polynomials without kinks are exact, where these keep within their range. Of others that of the last one is made by many points, what
-        the others differ by, which is little, by fewer.
+        Those of polynomials without kinks are exact where they keep within their range. Of others that of the
+        last one is made by many points, and what the rest differ by, which is little, by fewer.
         """
         if not len(fit.signs) and not isinstance(self.quantity, Quantile) and self._unbounded(fit):
             first, rest = fit.coefficients[0, 0], np.sum(fit.coefficients[0, 1:] ** 2, axis=0)
@@ -559,8 +556,8 @@ def by_samples(
             if nothing:
                 notes += (
                     f"the quantity is 0 at all {total} samples: it is 0, or no sample has met what makes it "
-                    "differ from 0 (lf.reliability finds what happens so seldom, and how often it does); samples "
-                    "cannot tell which",
+                    "differ from 0, which samples cannot tell; lf.reliability finds what happens so seldom, and "
+                    "how often it does",
                 )
             elif lost:
                 notes += (

@@ -158,10 +158,10 @@ def by_long_rules(
 ) -> tuple[SampleResult, Errors] | None:
     """Tensor rules in the normal scores of few germs for a smooth quantity; None: they do not converge in time.
 
-    The inverse of a sum of stiffnesses is close to an exponential of normal scores, where in the germs of Gamma's
-    or Beta's laws it has a singularity at the end. Gauss-Hermite points do, and along a germ with one of the
-    `tails` Gauss-Legendre points to its last point, which stands for all that is beyond: q^2 times the density is
-    a wide bell. What one rule changes to the next is its error.
+    The inverse of a sum of stiffnesses is close to an exponential of normal scores, where in the germs of
+    Gamma's or Beta's laws it has a singularity at the end. Gauss-Hermite points do, and along a germ with one
+    of the `tails` Gauss-Legendre points to its last point, which stands for all that is beyond: q^2 times the
+    density is a wide bell. What one rule changes to the next is its error.
     """
     space, rtol = result.space, min(rtol, FINE)
     heavy = {tail.germ for tail in tails}
@@ -175,7 +175,8 @@ def by_long_rules(
         ]
         if np.prod([len(w) for _, w in rules]) > MOST_LONG:
             return None
-        points = np.stack(np.meshgrid(*(at for at, _ in rules), indexing="ij"), axis=-1).reshape(-1, len(rules))
+        grid = np.meshgrid(*(at for at, _ in rules), indexing="ij")
+        points = np.stack(grid, axis=-1).reshape(-1, len(rules))
         weights = reduce(np.multiply.outer, (w for _, w in rules)).ravel()
         samples = _solved(result, points, weights, rtol, quantity)
         value = samples.mean_std(quantity)

@@ -134,8 +134,8 @@ def beside_what_acts(
         if quantity.compared.deviation or not abs(value.mean) < ZERO * (value.std or 0.0):
             return quantity, ()
         note = (
-            f"the mean {value.mean:.1g} is rounding beside the deviation of {value.std:.3g}: errors are relative "
-            "to the deviation, as with relative_to='deviation'; give absolute= to say what matters"
+            f"the mean {value.mean:.1g} is rounding beside the deviation of {value.std:.3g}: errors are "
+            "relative to the deviation, as with relative_to='deviation'; give absolute= to say what matters"
         )
         return replace(quantity, compared=replace(quantity.compared, deviation=True)), (note,)
     what = "force" if quantity.of == "force" else "jump"

@@ -450,8 +450,8 @@ def _shares(scores: Array) -> Array:
 
 
 def _tails(space: RandomSpace, depth: int = len(TAIL)) -> tuple[Array, Array]:
-    """Points far out along each germ, the others drawn, and what probability they stand for: the first `depth`
-    of either side."""
+    """Points far out along each germ, the others drawn, and what probability they stand for: the first
+    `depth` of either side."""
     dimension = space.dimension
     if dimension > MOST_LINES:
         return np.zeros((0, dimension)), np.zeros(0)

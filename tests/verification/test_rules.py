@@ -45,7 +45,8 @@ def exact(away: float) -> tuple[float, float]:
         return float(law.expect(lambda k: (-force(k, MOVE - 1.0)) ** power, epsabs=1e-12, epsrel=1e-10))
 
     def of_gap(power: int) -> float:
-        return float(integrate.quad(lambda z: (SPREAD * (away + z)) ** power * stats.norm.pdf(z), -away, 12.0)[0])
+        found = integrate.quad(lambda z: (SPREAD * (away + z)) ** power * stats.norm.pdf(z), -away, 12.0)
+        return float(found[0])
 
     mean, square = of_k(1) * of_gap(1), of_k(2) * of_gap(2)
     return -mean, float(np.sqrt(square - mean**2))
@@ -108,7 +109,8 @@ def test_points_alone_and_few_witnesses():
     for solve_points in (solved, solved_alone):
         samples = solve_points(first, germs, np.ones(16), 1e-9, FORCE)
         complete(samples)
-        assert set(samples.points.status) <= set(EXACT) and np.abs(samples.probabilities - 1.0 / 16.0).max() < 1e-15
+        assert set(samples.points.status) <= set(EXACT)
+        assert np.abs(samples.probabilities - 1.0 / 16.0).max() < 1e-15
         assert np.abs(FORCE.at_end(samples, samples) - truth).max() < 1e-6 * np.abs(truth).max()
     counts = [len(few_witnesses(first, FORCE, 1e-6, complete, t).points) for t in (0.1, 1e-2, 1e-4)]
     assert counts == [8 + 8, 8 + 12, 16 + 16]
@@ -119,7 +121,8 @@ def test_fields_of_many_germs_are_answered_by_points():
     problem = line(modes=5)
     result = solve(problem, accuracy=1e-2, quantity="line", meshes=False)
     assert isinstance(result, SampleResult)
-    found, other = result.mean_std("line"), solve(problem, chaos=3, progress=False).mean_std("line")
+    found = result.mean_std("line")
+    other = solve(problem, chaos=3, progress=False).mean_std("line")
     assert found.std is not None and other.std is not None
     assert max(abs(found.mean / other.mean - 1.0), abs(found.std / other.std - 1.0)) <= 1e-2
 
@@ -127,7 +130,8 @@ def test_fields_of_many_germs_are_answered_by_points():
 def test_rules_of_germs_with_few_values():
     """A uniform gap beside a layer: Legendre points, and witnesses inside the range."""
     gap = Uniform("gap", MOVE - 6.0 * SPREAD, MOVE - 2.0 * SPREAD)
-    result = solve(stop(LogNormal("k", 40.0, cov=COV), gap=gap), accuracy=1e-3, quantity=FORCE, meshes=False)
+    problem = stop(LogNormal("k", 40.0, cov=COV), gap=gap)
+    result = solve(problem, accuracy=1e-3, quantity=FORCE, meshes=False)
     assert isinstance(result, SampleResult) and len(result.germs) <= 25 and result.errors().reached
     found = result.mean_std(FORCE)
     s = np.sqrt(np.log1p(COV**2))
