@@ -138,7 +138,8 @@ def by_panels(
     lower, upper = ended.get(-1.0, FIRST_PANELS[0]), ended.get(1.0, FIRST_PANELS[-1])
     more_points = np.array([tail.point for tail in tails]).reshape(-1, 1)
     more_weights = np.array([tail.weight for tail in tails])
-    beyond, of_beyond = np.zeros(3), np.zeros(3)
+    beyond: Array = np.zeros(3)
+    of_beyond: Array = np.zeros(3)
     if tails:
         samples = solved(result, more_points, more_weights, rtol, quantity)
         complete(samples)
@@ -556,8 +557,8 @@ def by_samples(
             if nothing:
                 notes += (
                     f"the quantity is 0 at all {total} samples: it is 0, or no sample has met what makes it "
-                    "differ from 0, which samples cannot tell; lf.reliability finds what happens so seldom, and "
-                    "how often it does",
+                    "differ from 0, which samples cannot tell; lf.reliability finds what happens so seldom, "
+                    "and how often it does",
                 )
             elif lost:
                 notes += (

@@ -156,7 +156,7 @@ def by_rules(
 def by_long_rules(
     result: ChaosResult, quantity: Wanted, target: float, rtol: float, tails: Sequence[Tail] = ()
 ) -> tuple[SampleResult, Errors] | None:
-    """Tensor rules in the normal scores of few germs for a smooth quantity; None: they do not converge in time.
+    """Tensor rules in the normal scores of few germs for a smooth quantity; None: they do not converge.
 
     The inverse of a sum of stiffnesses is close to an exponential of normal scores, where in the germs of
     Gamma's or Beta's laws it has a singularity at the end. Gauss-Hermite points do, and along a germ with one
@@ -184,9 +184,9 @@ def by_long_rules(
             size, whole = size_of(value, quantity), whole_of(value, rtol, quantity) or 0.0
             spread = value.std or 0.0
             # the quantity is as far off where the other germs are elsewhere, by more in the square
-            off = SAFE * np.sum([np.zeros(2), *(tail.off() for tail in tails)], axis=0)
-            of_mean = abs(value.mean - before.mean) + float(off[0])
-            of_std = abs(spread - (before.std or 0.0)) + share_of(float(off[1]), 2.0 * spread)
+            off = [SAFE * sum(tail.off()[power] for tail in tails) for power in (0, 1)]
+            of_mean = abs(value.mean - before.mean) + off[0]
+            of_std = abs(spread - (before.std or 0.0)) + share_of(off[1], 2.0 * spread)
             if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
                 values = quantity.at_end(samples, samples)
                 away = checked_cold(result, samples, quantity, values, tails=True)
@@ -215,7 +215,7 @@ def _long_rule(space: RandomSpace, germ: int, tails: Sequence[Tail], count: int)
 
 
 def _short_rule(space: RandomSpace, germ: int, count: int) -> tuple[Array, Array]:
-    """Values (n,) and weights (n,) of a Gauss rule in the normal score of a germ; of a discrete one its own."""
+    """Values and weights (n,) of a Gauss rule in the normal score of a germ; of a discrete one its own."""
     if not space.continuous[germ]:
         counts = [1] * space.dimension
         counts[germ] = min(count, space.germs[germ].capacity or count)

@@ -152,7 +152,7 @@ def wide_points(
 
 
 def normal_scores(space: RandomSpace, points: Array) -> Array:
-    """Normal scores (n, L) of points of the germs, those at the end of a law as far out as points are drawn."""
+    """Normal scores (n, L) of points of the germs, at the end of a law as far out as points are drawn."""
     return np.clip(space.to_normal(points), -FARTHEST, FARTHEST)
 
 

@@ -1,10 +1,10 @@
 """What a quantity does beyond the last points of a rule.
 
-Where a stiffness can come close to 0 the jump under a force grows like a power of the probability u of what is
-beyond: q ~ u^-s, with s = 1 / a for laws that begin like k^(a - 1), such as Gamma's and Beta's. Beyond a point
-of probability u its square has the integral q^2 u / (1 - 2 s), which no finite rule sees and which is much where
-s is near 1/2; from s = 1/2 on there is no finite deviation, from s = 1 on no finite mean. Points along one germ
-tell s: log |q| against log u is a straight line far out.
+Where a stiffness can come close to 0 the jump under a force grows like a power of the probability u of what
+is beyond: q ~ u^-s, with s = 1 / a for laws that begin like k^(a - 1), such as Gamma's and Beta's. Beyond a
+point of probability u its square has the integral q^2 u / (1 - 2 s), which no finite rule sees and which is
+much where s is near 1/2; from s = 1/2 on there is no finite deviation, from s = 1 on no finite mean. Points
+along one germ tell s: log |q| against log u is a straight line far out.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def note_of(tails: Sequence[Tail], quantity: Wanted, names: Sequence[str]) -> st
     if steep is None or steep.power + steep.doubt < 0.5:
         return ""
     what = "deviation" if steep.power < 1.0 else "mean and no finite deviation"
-    sure = f"there is no finite {what}" if steep.endless else "whether there is a finite deviation is not sure"
+    sure = f"there is no finite {what}" if steep.endless else "it is not sure that the deviation is finite"
     return (
         f"{quantity} grows like p^-{steep.power:.3g} far out along {names[steep.germ]}, where p is the "
         f"probability of what is beyond: {sure} (p^-0.5 has none); ask for a Quantile, or bound the law"

@@ -20,7 +20,6 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
 
 __all__ = [
-    "BLURRED",
     "INEXACT",
     "Accuracy",
     "Corrected",
@@ -56,10 +55,6 @@ def remedy(status: str, error: float = float("nan")) -> str:
     if status in ("stagnated", INEXACT) and error < ACCEPTABLE:
         return f"if that is good enough, loosen rtol to {2.0 * error:.0e}"
     return _REMEDIES.get(status, "")
-
-
-BLURRED = "each sample is right; rounding hides a part of what they differ by"
-"""What an inexact point within its tolerance means."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +208,7 @@ def ended(status: str, error: float, place: str, rtol: float, iterations: int | 
     where = f" in {place}" if place else ""
     advice = remedy(status, error)
     if status == INEXACT and error <= rtol:
-        advice = BLURRED
+        advice = "each sample is right; rounding hides a part of what they differ by"
     after = "" if iterations is None else f" after {iterations} iterations"
     text = f"{status}{after}: estimated error {shown_error(error)}{where}, asked {rtol:.1e}"
     return f"{text}; {advice}" if advice else text

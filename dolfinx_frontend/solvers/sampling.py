@@ -46,7 +46,7 @@ from dolfinx_frontend.plan.plan import (
 from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.accuracy import BLURRED, INEXACT
+from dolfinx_frontend.results.accuracy import INEXACT, ended
 from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
@@ -249,8 +249,7 @@ def sample_on(
     scatter
         Hold the tolerance by what every part scatters by, too, however little that is.
     told
-        Log the points that do not converge: each one that fails, and (``"all"``) how many are right to the
-        tolerance but not to the share that they scatter by.
+        Log the points that do not converge: each one that fails, and (``"all"``) how many are inexact.
     ranks
         That solve the points together.
     """
@@ -275,14 +274,13 @@ def sample_on(
     if ranks is not None and header is not None:
         ranks.check_same("sampling", header)
 
-    blurred = 0
+    inexact: list[float] = []
 
     def done(point: int, summary: Any) -> None:
-        nonlocal blurred
-        if summary.status == INEXACT and summary.error <= plan.options.rtol:
-            blurred += 1
+        if summary.status == INEXACT:
+            inexact.append(summary.error)
         elif told != "none":
-            warn_unconverged("sample", point, summary, solver)
+            warn_unconverged("sample", point, summary, solver, plan.options.rtol)
         step(summary.iterations)
 
     began = perf_counter()
@@ -303,8 +301,9 @@ def sample_on(
             ranks=ranks,
         )
     report_points("sampling", interrupt, swept, file)
-    if blurred and told == "all" and problem.rank == 0:
-        _log.warning("%d of %d samples are right to %.1e; %s", blurred, len(points), plan.options.rtol, BLURRED)
+    if inexact and told == "all" and problem.rank == 0:
+        worst = ended(INEXACT, max(inexact), "", plan.options.rtol)
+        _log.warning("%d of %d samples ended as %s", len(inexact), len(points), worst)
     if ranks is not None:
         ranks.close()
     return SampleResult(
