@@ -510,7 +510,9 @@ class _Search:
         return rows * modes**3 * EIGENVECTORS <= 1.0 + PRICE * self.per_point
 
     def _look_far(self, quantity: Wanted, seen: Witnesses) -> None:
-        """Find the tails of the quantity that matter."""
+        """Find the tails of the quantity that matter: to moments, not to quantiles."""
+        if isinstance(quantity, Quantile):
+            return
         value = self.result.mean_std(quantity)
         self.tails = heavy_tails(self.result, quantity, seen, value, self.target, complete)
         note = note_of(self.tails, quantity, self.result.space.germ_names)
