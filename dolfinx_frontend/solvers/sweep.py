@@ -290,7 +290,7 @@ def sweep(
     def point_done(point: int, summary: Any) -> None:
         nonlocal first
         first = first or perf_counter() - started
-        warn_unconverged("sweep point", point, summary, solver, plan.options.rtol)
+        warn_unconverged("sweep point", point, summary, solver, solver.plan.options.rtol)
         step(summary.iterations)
 
     shown = points_shown("sweep", len(order), progress, problem, ranks)
