@@ -188,6 +188,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "mesh_error",
         "errors",
         "points",
+        "tails",
         "hinges",
         "by_points",
         "by_rules",

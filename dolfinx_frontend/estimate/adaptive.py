@@ -4,6 +4,7 @@ computation goes on, which stops as soon as they are small enough."""
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,7 +23,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt, Interrupted
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.estimate.by_points import by_panels, by_samples
-from dolfinx_frontend.estimate.by_rules import by_rules
+from dolfinx_frontend.estimate.by_rules import by_long_rules, by_rules
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
@@ -54,6 +55,7 @@ from dolfinx_frontend.estimate.points import (
     misfit,
     witnesses,
 )
+from dolfinx_frontend.estimate.tails import Tail, beside_tails, beyond_all, heavy_tails, note_of, seen_to
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.price import Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -71,7 +73,7 @@ from dolfinx_frontend.results.resultant import (
 )
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
-from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
+from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, carry_on, solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
@@ -135,6 +137,10 @@ LOOSE_FIRST = 0.1
 
 MOST_INSTEAD = 1024
 """Points at most that are tried before a chaos whose modes random fields couple."""
+
+MOST_ENDLESS, FEW_BEYOND = 1024, 16
+"""Samples at most where there is no finite deviation, and how many of them must be beyond a score so that
+they say what is there."""
 
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""
@@ -357,6 +363,7 @@ class _Search:
         self.of_meshes = of_meshes
         self.of_fields: ErrorShare | None = None
         self.seen: Witnesses | None = None
+        self.tails: list[Tail] = []
         self.falls: list[float] = []
         self.per_point = np.inf
         self.notes: tuple[str, ...] = ()
@@ -417,6 +424,7 @@ class _Search:
             assert quantity is not None
             if notes:
                 self.target = _visible(self.accuracy, self.of_meshes, quantity, self.result)
+                self._calibrate()  # the gain is that of what errors are relative to
             self.of_fields = self._lost(quantity)
             if coupled:
                 found = by_samples(self.result, quantity, self.target, self._each(), most=MOST_INSTEAD)
@@ -426,7 +434,9 @@ class _Search:
                 self.rtol = self._tolerance()
             if not curved:
                 self._look(quantity)
-        if quantity is not None and (curved or not isinstance(quantity, Resultant)):
+        if quantity is not None and self.seen is not None:
+            self._look_far(quantity, self.seen)
+        if quantity is not None and (curved or not isinstance(quantity, Resultant) or self._alone()):
             return self._by_points(quantity)
         left, stalled = self._grow(curved)
         if quantity is None:
@@ -542,11 +552,13 @@ class _Search:
     def _with_witnesses(self, made: Errors, quantity: Wanted, seen: Witnesses) -> Errors:
         """The errors of the chaos, of which witnesses may know more."""
         fields = self.result.at(seen.points)
-        found = misfit(seen, quantity.at_end(self.result, fields), self.result.mean_std(quantity))
+        value = self.result.mean_std(quantity)
+        found = misfit(seen, quantity.at_end(self.result, fields), value)
+        tails = beyond_all(self.tails, seen_to(self.tails, self.result.space, seen.points), value)
         assert made.truncation is not None
         # what is not known of the modes is left to the points
-        of_mean = float(np.fmax(made.truncation.quantity or 0.0, found.mean))
-        of_std = float(np.fmax(made.truncation.std or 0.0, found.std))
+        of_mean = float(np.fmax(made.truncation.quantity or 0.0, found.mean)) + tails.mean
+        of_std = float(np.fmax(made.truncation.std or 0.0, found.std)) + (tails.std or 0.0)
         how = f"the change by the last modes, and {len(seen.points)} points solved on their own"
         return replace(made, truncation=ErrorShare(np.nan, of_mean, of_std, how))
 
@@ -580,6 +592,22 @@ class _Search:
             return False
         return rows * modes**3 * EIGENVECTORS <= 1.0 + PRICE * self.per_point
 
+    def _look_far(self, quantity: Wanted, seen: Witnesses) -> None:
+        """Find the tails of the quantity that matter: to moments, not to quantiles."""
+        if isinstance(quantity, Quantile):
+            return
+        value = self.result.mean_std(quantity)
+        self.tails = heavy_tails(self.result, quantity, seen, value, self.target, complete)
+        note = note_of(self.tails, quantity, self.result.space.germ_names)
+        self.notes += (note,) if note else ()
+
+    def _alone(self) -> bool:
+        """Whether there are tails for which pieces of the single germ do, or nothing does."""
+        return bool(self.tails) and (self.result.space.dimension == 1 or self._endless())
+
+    def _endless(self) -> bool:
+        return any(tail.power + tail.doubt >= 0.5 for tail in self.tails)
+
     def _by_points(self, quantity: Wanted) -> SampleResult:
         return self._of_points(*self._points_of(quantity))
 
@@ -596,22 +624,42 @@ class _Search:
             rtol = self._each(spread, LOOSEST_ALONE)
             of_seen = OF_WITNESSES * float(np.sqrt(self.target)) * spread
             of_seen = float(np.clip(of_seen, rtol, LOOSEST_ALONE))
-            judges = seen or few_witnesses(result, quantity, of_seen, complete, self.target)
-            found = by_rules(result, quantity, self.target, rtol, judges, self.keep)
-            if found is None and result.space.dimension == 1 and result.space.germs[0].capacity is None:
-                found = by_panels(result, quantity, self.target, each, self.keep)
+            judges = seen
+            if judges is None:
+                judges = few_witnesses(result, quantity, of_seen, complete, self.target)
+                self._look_far(quantity, judges)
+            found = self._of_scores(quantity, each) if self.tails else None
+            if found is None and not self._alone():
+                found = by_rules(result, quantity, self.target, rtol, judges, self.keep)
+                if found is not None and self.tails:
+                    found = found[0], beside_tails(found[1], self.tails, result.space, judges.points)
+                    found = found if found[1].total <= self.accuracy else None
+            if found is None and not self.tails:
+                found = self._of_scores(quantity, each)
+            if found is None and result.space.continuous == (True,) and not self._endless():
+                found = by_panels(result, quantity, self.target, each, self.keep, self.tails)
             if found is not None:
                 return found
-        made = by_samples(result, quantity, self.target, each, seen, self.keep)
-        self.notes += made[2]
-        return made[:2]
+        most = MOST_ENDLESS if self._endless() else 0
+        samples, made, notes = by_samples(result, quantity, self.target, each, seen, self.keep, most)
+        self.notes += notes
+        return samples, beside_tails(made, self.tails, result.space, samples.germs, FEW_BEYOND)
+
+    def _of_scores(self, quantity: Wanted, rtol: float) -> tuple[SampleResult, Errors] | None:
+        """Rules in the normal scores of several germs, if there are no kinks."""
+        smooth = isinstance(quantity, Resultant) and not self.result.collocations
+        if not smooth or self._endless() or self.result.space.dimension == 1:
+            return None
+        return by_long_rules(self.result, quantity, self.target, rtol, self.tails)
 
     def _found(self, made: Errors) -> ChaosResult:
         halving = partial(next_halving, self.result)
         return with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes, halving)
 
     def _carry_on(self, chaos: Chaos, rtol: float) -> None:
-        found = carry_on(self.result, chaos, rtol)
+        with warnings.catch_warnings():  # of orders that are tried, and judged by their errors
+            warnings.simplefilter("ignore", NearlyIndefiniteWarning)
+            found = carry_on(self.result, chaos, rtol)
         complete(found)
         self.result, self.left = found, np.nan
 

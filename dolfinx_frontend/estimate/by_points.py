@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import isfinite, log2
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
-
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.estimate.errors import (
@@ -37,10 +35,12 @@ from dolfinx_frontend.estimate.points import (
     kinks_at_ends,
     misfit_of_halves,
     moments_of_sets,
+    normal_scores,
     panel_points,
     solved,
     wide_points,
 )
+from dolfinx_frontend.estimate.tails import FINE, Tail
 from dolfinx_frontend.plan.price import Way, price, speed
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -146,16 +146,39 @@ def so_far(
 
 
 def by_panels(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float, keep: Keep
+    result: ChaosResult,
+    quantity: Wanted,
+    target: float,
+    rtol: float,
+    keep: Keep,
+    tails: Sequence[Tail] = (),
 ) -> tuple[SampleResult, Errors] | None:
-    """Gauss rules on pieces of one germ, which are halved around kinks; None: they do not converge."""
+    """Gauss rules on pieces of one germ, which are halved around kinks; None: they do not converge.
+
+    The last point of each of the `tails` stands for all that is beyond.
+    """
     space = result.space
     every: list[SampleResult] = []  # all points, in one piece
     first: dict[tuple[float, float], int] = {}  # of the points of a piece
+    if tails:
+        rtol = min(rtol, FINE)
+    smooth = not result.collocations and isinstance(quantity, Resultant)
+    ended = {float(np.sign(tail.end)): tail.end for tail in tails}
+    lower, upper = ended.get(-1.0, FIRST_PANELS[0]), ended.get(1.0, FIRST_PANELS[-1])
+    more_points = np.array([tail.point for tail in tails]).reshape(-1, 1)
+    more_weights = np.array([tail.weight for tail in tails])
+    beyond: Array = np.zeros(3)
+    of_beyond: Array = np.zeros(3)
+    if tails:
+        samples = solved(result, more_points, more_weights, rtol, quantity)
+        complete(samples)
+        far = quantity.at_end(samples, samples)
+        beyond = np.array([float(more_weights @ far**k) for k in range(3)])
+        of_beyond = np.sum([[tail.weight, *tail.off()] for tail in tails], axis=0)
 
     def integrated(ends: list[tuple[float, float]]) -> list[tuple[Array, Array]]:
         z, weights = panel_points(ends)
-        samples = solved(result, space.from_uniform(ndtr(z.reshape(-1, 1))), weights.ravel(), rtol, quantity)
+        samples = solved(result, space.from_normal(z.reshape(-1, 1)), weights.ravel(), rtol, quantity)
         complete(samples)
         known = len(every[0].germs) if every else 0
         first.update({end: known + k * POINTS for k, end in enumerate(ends)})
@@ -165,14 +188,14 @@ def by_panels(
         sums = [np.array([float(w @ p[k]) for p in powers]) for k, w in enumerate(weights)]
         return list(zip(sums, values, strict=True))
 
-    ends = list(pairwise(FIRST_PANELS))
+    ends = list(pairwise([lower, *(z for z in FIRST_PANELS if lower < z < upper), upper]))
     unknown = np.full(3, np.inf)
     leaves = [
         Panel(*end, sums, unknown, values, unknown)
         for end, (sums, values) in zip(ends, integrated(ends), strict=True)
     ]
     for _ in range(MOST_HALVINGS):
-        total = np.sum([leaf.sums for leaf in leaves], axis=0)
+        total = np.sum([leaf.sums for leaf in leaves], axis=0) + beyond
         mean = float(total[1] / total[0])
         value = MeanStd(mean, float(np.sqrt(max(total[2] / total[0] - mean**2, 0.0))))
         size = size_of(value, quantity)
@@ -187,8 +210,11 @@ def by_panels(
             std = value.std or 0.0
             return float(of_mean), float(min(square / (2.0 * std), np.sqrt(square)) if std > 0.0 else square)
 
-        wrong = [leaf.error + more for leaf, more in zip(leaves, kinks_at_ends(leaves), strict=True)]
+        wrong = [leaf.error for leaf in leaves]
+        if not smooth:
+            wrong = [error + more for error, more in zip(wrong, kinks_at_ends(leaves), strict=True)]
         of_mean, of_std = relative(np.sum(wrong, axis=0))
+        of_tails = relative(of_beyond)
         if value.mean == 0.0 and not value.std and np.isfinite(of_mean):
             return None  # nothing happens at any point
         z, weights = panel_points([(leaf.lower, leaf.upper) for leaf in leaves])
@@ -199,16 +225,21 @@ def by_panels(
             at = first[leaf.lower, leaf.upper]
             rule[at : at + POINTS] = own
         solved_points = replace(every[0], weights=rule)
-        keep(solved_points, so_far(solved_points, truncation, quantity, value, whole))
+        if not tails:
+            keep(solved_points, so_far(solved_points, truncation, quantity, value, whole))
         if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
-            points = space.from_uniform(ndtr(z.reshape(-1, 1)))
-            samples = solved(result, points, weights.ravel(), rtol, quantity)
+            points = np.concatenate([space.from_normal(z.reshape(-1, 1)), more_points])
+            weights = np.concatenate([weights.ravel(), more_weights])
+            samples = solved(result, points, weights, rtol, quantity)
             complete(samples)
             values = quantity.at_end(samples, samples)
             value = samples.mean_std(quantity)
-            away = checked_cold(result, samples, quantity, values)
+            away = checked_cold(result, samples, quantity, values, tails=bool(tails))
             if not away <= 0.3 * target * min(size_of(value, quantity), whole):
                 return None
+            if tails:
+                how += " and what is beyond them, of which its last point tells"
+            truncation = ErrorShare(np.nan, of_mean + of_tails[0], of_std + of_tails[1], how)
             made = of_solved_again(samples, away, truncation, quantity, value, whole)
             seconds = 2.0 * sum(samples.seconds.values())
             return samples, replace(made, next_halving=f"half the pieces, about {seconds:.2g} s")
@@ -236,7 +267,8 @@ def by_panels(
             error = 0.5 * np.abs(parent.sums - both[0] - both[1])
             off = misfit_of_halves(parent.values, np.concatenate([values for _, values in pair]))
             at_kink = ~(off <= BROKEN_OFF * parent.misfit) | np.isinf(parent.misfit)
-            error = np.maximum(error, 0.5 * AT_KINK * parent.sums[0] * np.where(at_kink, off, 0.0))
+            if not smooth:
+                error = np.maximum(error, 0.5 * AT_KINK * parent.sums[0] * np.where(at_kink, off, 0.0))
             if np.all(np.isfinite(parent.error)):
                 error = np.maximum(error, FORGOTTEN**4 * parent.error)
             ends = halves[2 * k : 2 * k + 2]
@@ -399,10 +431,10 @@ class _Samples:
     def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
         """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
 
-        Those of polynomials without kinks are exact. Of others that of the last one is made by many points,
-        and what the rest differ by, which is little, by fewer.
+        Those of polynomials without kinks are exact where they keep within their range. Of others that of the
+        last one is made by many points, and what the rest differ by, which is little, by fewer.
         """
-        if not len(fit.signs) and not isinstance(self.quantity, Quantile):
+        if not len(fit.signs) and not isinstance(self.quantity, Quantile) and self._unbounded(fit):
             first, rest = fit.coefficients[0, 0], np.sum(fit.coefficients[0, 1:] ** 2, axis=0)
             off = (first - about[0]) / about[1]
             return np.column_stack([off, off**2 + rest / about[1] ** 2])[:-1], np.zeros(2)
@@ -417,6 +449,13 @@ class _Samples:
         beside = every[:, :-1] - every[:, -1:]
         doubts = doubts + SURE * beside.std(axis=0, ddof=1).max(axis=0) / np.sqrt(SETS)
         return of_all.mean(axis=0) + beside.mean(axis=0), doubts
+
+    def _unbounded(self, fit: Hinged) -> bool:
+        """Whether a fit keeps within its range at wide points: beyond, it is no polynomial."""
+        basis = self.space.basis(Chaos(order=fit.order))
+        lower, upper = fit.range
+        values = (fit.of_terms(basis.evaluate(self._many(FIRST_COUNT, k)[0])) for k in range(SETS))
+        return all(bool(np.all((lower < v) & (v < upper))) for v in values)
 
     def _integrals(self, fit: Hinged, about: tuple[float, float], count: int, which: slice) -> Array:
         """Means (SETS, fits, k) of the controls of some fits over as many sets of this many points."""
@@ -459,7 +498,7 @@ class _Samples:
     def steepest(self) -> Array:
         """Direction (L,) of the normal scores in which the quantity changes most."""
         assert self.samples is not None
-        z = self.space.to_normal(self.samples.germs)
+        z = normal_scores(self.space, self.samples.germs)
         along = (self.drawn * (self.values - self.drawn @ self.values)) @ z
         size = float(np.linalg.norm(along))
         return np.asarray(along / size if size > 0.0 else np.eye(1, len(along))[0], dtype=np.float64)
@@ -486,13 +525,13 @@ class _Samples:
         """Draw where the deviation comes from, if that is far out."""
         if self.centre is not None or self.samples is None or not self._spread() > 0.0:
             return
-        z = self.space.to_normal(self.samples.germs)
+        z = normal_scores(self.space, self.samples.germs)
         share = self.drawn * (self.values - self.drawn @ self.values) ** 2
         middle = share @ z / share.sum()
         if seen is not None and fit is not None and len(seen.points):
             rest = seen.tails * (seen.values - fit(self.space, seen.points)[:, -1]) ** 2
             if rest.max() > FAR_OUT * share.sum():
-                middle = self.space.to_normal(seen.points[[int(np.argmax(rest))]])[0]
+                middle = normal_scores(self.space, seen.points[[int(np.argmax(rest))]])[0]
         if float(np.linalg.norm(middle)) > FAR_AWAY:
             self.centre = middle
 
@@ -572,8 +611,9 @@ def by_samples(
             notes = (f"{total} samples: more are left to you, see quasi_monte_carlo",)
             if nothing:
                 notes += (
-                    "no sample has met what makes the quantity differ from 0: lf.reliability finds what "
-                    "happens so seldom, and how often it does",
+                    f"the quantity is 0 at all {total} samples: it is 0, or no sample has met what makes it "
+                    "differ from 0, which samples cannot tell; lf.reliability finds what happens so seldom, "
+                    "and how often it does",
                 )
             elif lost:
                 notes += (

@@ -123,7 +123,8 @@ def beside_what_acts(
     if quantity is not None and quantity.compared.deviation and result.statistics != "value":
         value = result.mean_std(quantity)
         if (value.std or 0.0) < ZERO * abs(value.mean):
-            itself = replace(quantity, compared=replace(quantity.compared, deviation=False))
+            least = max(quantity.compared.least, abs(value.mean))
+            itself = replace(quantity, compared=replace(quantity.compared, deviation=False, least=least))
             return itself, ("the deviation is rounding beside the mean: errors are relative to the mean",)
     if not isinstance(quantity, Resultant) or quantity.compared.least > 0.0:
         return quantity, ()
@@ -134,7 +135,13 @@ def beside_what_acts(
     # ranks that do not have the interface know nothing of it
     whole = over_ranks(result, _without_signs(result, quantity), max)
     if not max(abs(value.mean), value.std or 0.0) < below * whole:
-        return quantity, ()
+        if quantity.compared.deviation or not abs(value.mean) < ZERO * (value.std or 0.0):
+            return quantity, ()
+        note = (
+            f"the mean {value.mean:.1g} is rounding beside the deviation of {value.std:.3g}: errors are "
+            "relative to the deviation, as with relative_to='deviation'; give absolute= to say what matters"
+        )
+        return replace(quantity, compared=replace(quantity.compared, deviation=True)), (note,)
     what = "force" if quantity.of == "force" else "jump"
     note = (
         f"the value {value.mean:.1g} {why} beside the {what} of {whole:.3g} that the interface has "

@@ -37,6 +37,8 @@ from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
 __all__ = [
     "EXACT",
+    "FARTHEST",
+    "SAFE",
     "SETS",
     "FIRST_PANELS",
     "POINTS",
@@ -50,10 +52,12 @@ __all__ = [
     "few_witnesses",
     "joined",
     "kinks_at_ends",
+    "lawful",
     "lost_of_fields",
     "misfit",
     "misfit_of_halves",
     "moments_of_sets",
+    "normal_scores",
     "panel_points",
     "solved",
     "solved_alone",
@@ -147,6 +151,11 @@ def wide_points(
         away = own - 0.5 * np.sum((z - middle) ** 2, axis=1) / scale**2 - dimension * np.log(scale)
         density += number / count * np.exp(np.minimum(away, 700.0))
     return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), np.asarray(1.0 / density, dtype=np.float64)
+
+
+def normal_scores(space: RandomSpace, points: Array) -> Array:
+    """Normal scores (n, L) of points of the germs, at the end of a law as far out as points are drawn."""
+    return np.clip(space.to_normal(points), -FARTHEST, FARTHEST)
 
 
 def calibrated(
@@ -275,7 +284,7 @@ def solved(
         "quadrature",
         keep_states=quantity is not None and quantity.needs_states,
         scatter=False,
-        told=newton is None,
+        told="failed" if newton is None else "none",
         estimator=result.estimator,
     )
 
@@ -329,7 +338,7 @@ def joined(first: SampleResult, second: SampleResult) -> SampleResult:
     return replace(first, germs=germs, weights=np.ones(len(germs)), points=merged, seconds=seconds)
 
 
-def _lawful(random: RandomLaws, points: Array) -> Array:
+def lawful(random: RandomLaws, points: Array) -> Array:
     """Which points make laws: a normal stiffness is negative far out."""
     if not len(points) or random.make_laws(points):
         return np.ones(len(points), dtype=bool)
@@ -394,11 +403,11 @@ def _seen(
 ) -> Witnesses:
     """Witnesses: `count` that are drawn, and the first `depth` of the tails."""
     points, weights = wide_points(result.space, count, 12345)
-    good = _lawful(result.random, points)
+    good = lawful(result.random, points)
     points, weights = points[good], weights[good]
     weights = np.abs(calibrated(result.space, points, weights))
     lines, shares = _tails(result.space, depth)
-    good = _lawful(result.random, lines)
+    good = lawful(result.random, lines)
     tails = np.concatenate([np.zeros(len(points)), shares[good]])
     points = np.concatenate([points, lines[good]])
     weights = np.concatenate([weights / weights.sum(), np.zeros(int(good.sum()))])
@@ -423,7 +432,7 @@ def far_out(
     if seen is None:
         of_germs, of_each = _tails(space)
         lines, shares = np.concatenate([lines, of_germs]), np.concatenate([shares, of_each])
-    good = _lawful(result.random, lines)
+    good = lawful(result.random, lines)
     lines, shares = lines[good], shares[good]
     values: Array = np.zeros(0)
     if len(lines):
@@ -497,14 +506,22 @@ def surrogate(
 
 
 def checked_cold(
-    result: ChaosResult, samples: SampleResult, quantity: Wanted, values: Array, apart: Array | None = None
+    result: ChaosResult,
+    samples: SampleResult,
+    quantity: Wanted,
+    values: Array,
+    apart: Array | None = None,
+    tails: bool = False,
 ) -> float:
     """Root mean square difference of some points to the same points solved again to a hundredth of the
     tolerance, the most important ones, those that stand out and some others from nothing (of linear laws all
     together: no state misleads them); NaN: one of these did not converge. `apart`: (n,) by how much values
-    differ from what their neighbours say."""
+    differ from what their neighbours say. `tails`: values far off the mean may be off by as much more."""
     weights = samples.probabilities
     weight = np.abs(weights) * (values - weights @ values) ** 2
+    scale = np.ones(len(values))
+    if tails and weight.sum() > 0.0:
+        scale = np.maximum(np.abs(values - weights @ values) / np.sqrt(weight.sum()), 1.0)
     ranked = np.argsort(-weight, kind="stable")
     if apart is not None:
         outside = np.argsort(-np.abs(apart), kind="stable")[:CHECKED]
@@ -525,7 +542,7 @@ def checked_cold(
         again = solved(result, samples.germs[chosen], np.ones(len(chosen)), rtol, quantity)
         if not again.complete:
             raise Interrupted
-        away += [float(v) for v in quantity.at_end(again, again) - values[chosen]]
+        away += [float(v) for v in (quantity.at_end(again, again) - values[chosen]) / scale[chosen]]
     return float(np.sqrt(np.mean(np.square(away))))
 
 
@@ -602,7 +619,7 @@ def lost_of_fields(
     for block in (at, other):
         block[:, known] = points
     both = np.concatenate([at, other])
-    good = np.logical_and(_lawful(full, both[:pairs]), _lawful(full, both[pairs:]))
+    good = np.logical_and(lawful(full, both[:pairs]), lawful(full, both[pairs:]))
     if not good.any():
         return Lost(np.nan, np.nan, "fields")
     plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))

@@ -243,7 +243,8 @@ def _guard(
                 f"{where}: its Galerkin matrix is indefinite, smallest eigenvalue "
                 f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}"
             )
-        elif matrix.smallest < NEAR * mean:
+        elif matrix.smallest < NEAR * mean and not getattr(source, "bounds", (-np.inf,))[0] >= 0.0:
+            # a law that is never negative loses nothing at any order
             warn(
                 f"{where}: its Galerkin matrix is nearly indefinite, smallest eigenvalue "
                 f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}; higher orders make it worse: "

@@ -6,6 +6,7 @@ and sparse quadrature are the same run over different points.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -45,6 +46,7 @@ from dolfinx_frontend.plan.plan import (
 from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.accuracy import INEXACT, ended
 from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
@@ -58,6 +60,8 @@ __all__ = [
     "sampled_values",
     "short_steps",
 ]
+
+_log = logging.getLogger(__name__)
 
 STARTS = 256
 """Samples at most for which a chaos predicts a start."""
@@ -231,7 +235,7 @@ def sample_on(
     setup: float = 0.0,
     estimator: Estimator = not_measured,
     scatter: bool = True,
-    told: bool = True,
+    told: Literal["all", "failed", "none"] = "all",
     ranks: PointRanks | None = None,
 ) -> SampleResult:
     """As :func:`sample`, on a solver that is factorised already.
@@ -245,7 +249,7 @@ def sample_on(
     scatter
         Hold the tolerance by what every part scatters by, too, however little that is.
     told
-        Log the points that do not converge.
+        Log the points that do not converge: each one that fails, and (``"all"``) how many are inexact.
     ranks
         That solve the points together.
     """
@@ -270,9 +274,13 @@ def sample_on(
     if ranks is not None and header is not None:
         ranks.check_same("sampling", header)
 
+    inexact: list[float] = []
+
     def done(point: int, summary: Any) -> None:
-        if told:
-            warn_unconverged("sample", point, summary, solver)
+        if summary.status == INEXACT:
+            inexact.append(summary.error)
+        elif told != "none":
+            warn_unconverged("sample", point, summary, solver, plan.options.rtol)
         step(summary.iterations)
 
     began = perf_counter()
@@ -293,6 +301,9 @@ def sample_on(
             ranks=ranks,
         )
     report_points("sampling", interrupt, swept, file)
+    if inexact and told == "all" and problem.rank == 0:
+        worst = ended(INEXACT, max(inexact), "", plan.options.rtol)
+        _log.warning("%d of %d samples ended as %s", len(inexact), len(points), worst)
     if ranks is not None:
         ranks.close()
     return SampleResult(

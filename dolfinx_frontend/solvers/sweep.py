@@ -290,7 +290,7 @@ def sweep(
     def point_done(point: int, summary: Any) -> None:
         nonlocal first
         first = first or perf_counter() - started
-        warn_unconverged("sweep point", point, summary, solver)
+        warn_unconverged("sweep point", point, summary, solver, solver.plan.options.rtol)
         step(summary.iterations)
 
     shown = points_shown("sweep", len(order), progress, problem, ranks)
@@ -438,12 +438,12 @@ def _through_time(
     return np.kron(np.reshape(factors, (-1, 1)), pattern), len(factors)
 
 
-def warn_unconverged(what: str, point: int, summary: Summary, solver: Solver) -> None:
-    """Log a point that did not reach the tolerance; collective."""
+def warn_unconverged(what: str, point: int, summary: Summary, solver: Solver, rtol: float) -> None:
+    """Log a point that did not reach the tolerance `rtol`; collective."""
     if summary.status != "converged":
         plan = solver.plan
         accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
         place = "" if accuracy is None else accuracy.place
-        text = ended(summary.status, summary.error, place, plan.options.rtol, summary.iterations)
+        text = ended(summary.status, summary.error, place, rtol, summary.iterations)
         if solver.problem.rank == 0:
             _log.warning("%s %d ended as %s", what, point, text)

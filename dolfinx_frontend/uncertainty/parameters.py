@@ -109,6 +109,11 @@ class RandomParameter(Operand):
         lower, upper = self._law.support()
         return float(lower), float(upper)
 
+    @property
+    def continuous(self) -> bool:
+        """Whether it takes every value in between, and not only observed or discrete ones."""
+        return not isinstance(self._law, Atoms)
+
     def value(self, germ: npt.ArrayLike) -> Array:
         """The parameter at values (N,) of its germ: (N,), exact."""
         raise NotImplementedError

@@ -180,6 +180,16 @@ class RandomSpace:
         self.groups = ReadOnlyDict({block.name: block.columns for block in blocks})
 
     @property
+    def continuous(self) -> tuple[bool, ...]:
+        """Which germs (L,) take every value in between, and not only those of observed or discrete ones."""
+        found = [True] * len(self.germs)
+        for block in self._blocks:
+            for member in block.members:
+                if not (member.continuous or isinstance(member, CorrelatedParameter)):
+                    found[block.columns[0]] = False
+        return tuple(found)
+
+    @property
     def dimension(self) -> int:
         """L, the number of germs."""
         return len(self.germs)
