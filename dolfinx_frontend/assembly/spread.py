@@ -177,6 +177,9 @@ class Condensed:
         Load of the scene and its parameter -> nodal forces of the number 1, as `load`.
     stresses
         The same -> initial stress (UFL on the whole mesh).
+    ratio
+        What the stiffness was multiplied with since it was factorised: `material`, `stresses` and `loads` of
+        initial strains are those of the new one.
     """
 
     name: str
@@ -190,6 +193,7 @@ class Condensed:
     _way: Any = field(repr=False)
     loads: dict[tuple[str, str], Array] = field(default_factory=dict)
     stresses: dict[tuple[str, str], Any] = field(default_factory=dict)
+    ratio: float = 1.0
 
     @property
     def dim(self) -> int:
@@ -248,8 +252,37 @@ class Condensed:
         on_faces, factors = comm.bcast(values, root=self.owner)
         load = self.load + sum(a(0.0 if time is None else time) * f for a, f in self.varying.items())
         load = load + sum(factors.get(key, 0.0) * f for key, f in self.loads.items())
+        return self._field(on_faces, load)
+
+    def answer(self, unknowns: Array | None) -> Any:
+        """As :meth:`displacement`, with nothing that acts inside the part."""
+        comm = self.space.mesh.comm
+        own = None if self.rows is None or unknowns is None else np.asarray(unknowns)[self.rows]
+        return self._field(comm.bcast(own, root=self.owner), np.zeros_like(self.load))
+
+    def held(self, load: Array) -> Any:
+        """The displacement by forces inside the part, as `load`, with the kept unknowns at 0; collective."""
+        return self._field(np.zeros(int(self._way.faces)), load)
+
+    def at(self, time: float) -> Condensed:
+        """The same at a time of a history: its body forces no longer change."""
+        total = self.load + sum(a(time) * f for a, f in self.varying.items())
+        return replace(self, load=total, varying={})
+
+    def stretched(self, material: Any, ratio: float) -> Condensed:
+        """The same with a stiffness that is this times what it was."""
+        return replace(
+            self,
+            material=material,
+            ratio=ratio * self.ratio,
+            loads={key: f if key not in self.stresses else ratio * f for key, f in self.loads.items()},
+            stresses={key: ratio * stress for key, stress in self.stresses.items()},
+        )
+
+    def _field(self, on_faces: Array, load: Array) -> Any:
+        """The displacement with kept unknowns (kept,) and a load inside, a dolfinx function."""
         found = fem.Function(self.space, name=self.name)
-        at, own = self._way.displacement(on_faces, load)
+        at, own = self._way.displacement(on_faces, load / self.ratio)
         found.x.array[at] = own
         found.x.scatter_forward()
         return found
@@ -317,6 +350,11 @@ class _Together:
         full = sp.lil_matrix((len(wanted), len(wanted)))
         full[self._at] = blocks[1]
         self._coupling, self._of_kept = blocks[0], full.tocsc()
+
+    @property
+    def faces(self) -> int:
+        """See :attr:`Pieces.faces`."""
+        return int(self._of_kept.shape[0])
 
     def condensed(self, owner: int) -> Array | None:
         """See :meth:`Pieces.condensed`."""

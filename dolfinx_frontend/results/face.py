@@ -38,6 +38,7 @@ from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import Readings, column_of, read
 from dolfinx_frontend.results.probes import AtPoint, reaction_of
 from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
+from dolfinx_frontend.results.resultant import over_all_ranks
 from dolfinx_frontend.results.sampled_stress import (
     MADE_OF_STRESS,
     PartStress,
@@ -536,7 +537,8 @@ class Face(ABC):
         function
             Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times.
             An :class:`AtPoint` of another problem is found again in the meshes of this one. Or a number of
-            the tables by name: ``"joint.pressure_min"``, ``"bolt.normal"`` (see :meth:`table`).
+            the tables by name: ``"joint.pressure_min"``, ``"bolt.normal"`` (see :meth:`table`). Both are
+            known to all ranks, which ask together; another function reads what its rank has.
         name, unit
             For tables and figures.
         samples, seed
@@ -552,7 +554,7 @@ class Face(ABC):
         checked_name("quantity", name)
         where = f"quantity {name!r}"
         if isinstance(number, AtPoint):
-            number = number.on(self.problem)
+            number = over_all_ranks(number.on(self.problem), self.problem)
         blocks = self.many(self.draws if samples is None else samples, seed)
         found = [
             (one_number_a_sample(told_call(where, number, b), len(b), name), b.weights) for b in blocks
