@@ -56,8 +56,8 @@ def place_of(where: str, mesh: Any, space: Any, point: Array) -> Place:
 
 
 def place_on_ranks(where: str, mesh: Any, space: Any, point: Array) -> tuple[int, Place]:
-    """The place of a point (d,) in a part whose mesh is spread over the ranks, and the rank that has its cell;
-    collective.
+    """The rank that has the cell of a point (d,) of a part whose mesh is spread over the ranks, and its place
+    there; collective.
 
     Raises
     ------

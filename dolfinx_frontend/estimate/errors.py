@@ -465,7 +465,10 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
         found = discretisation_error(result, quantity if isinstance(quantity, Resultant) else None)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
-        return None
+        if not result.problem.spread:
+            return None
+        unknown = None if quantity is None else np.nan
+        return ErrorShare(np.nan, unknown, None, f"not known: {str(error).splitlines()[0]}")
     if found.quantity is None:
         return ErrorShare(found.energy + found.unseen, None, None, _how_of_meshes(found))
     return ErrorShare(found.energy, found.quantity + found.unseen, None, _how_of_meshes(found))

@@ -44,6 +44,7 @@ from dolfinx_frontend.results.sampled_stress import (
     PartStress,
     made_of_stress,
     moments_of_stress,
+    number_of_stress,
 )
 from dolfinx_frontend.results.stress import stress_function
 from dolfinx_frontend.results.surfaces import surface_of
@@ -351,16 +352,18 @@ class Face(ABC):
 
     def _stress_on_all_ranks(self, part: str, whole: Condensed, step: int, of: str) -> fem.Function:
         """As :meth:`stress`, of a part whose mesh is spread over the ranks; collective."""
-        if of != "tensor" or self._factored(part):
-            what = f"of = {of!r}" if of != "tensor" else "of a stiffness that varies"
+        random = of != "tensor" and self.statistics not in ("value", "grid")
+        if random or self._factored(part):
+            what = f"of = {of!r} of a random answer" if random else "that of a stiffness that varies"
             raise SceneError(
-                f"stress of {part!r}: its mesh is spread over the ranks, which have the tensor of a given "
-                f"stiffness only, not {what}: make it on COMM_SELF"
+                f"stress of {part!r}: its mesh is spread over the ranks, which do not have {what}: make it "
+                "on COMM_SELF"
             )
         u, numbers = self._on_all_ranks(part, whole, step)
         with agreement(self.problem.comm):
             initial = [(stress, numbers[key]) for key, stress in whole.stresses.items()]
-            return stress_function(u, whole.material, initial=initial)
+            found = stress_function(u, whole.material, initial=initial)
+            return found if of == "tensor" else number_of_stress(part, found, of)
 
     def _factored(self, part: str) -> bool:
         """Whether the stiffness of a part varies in this answer."""

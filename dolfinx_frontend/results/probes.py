@@ -30,8 +30,8 @@ class AtPoint:
     """A number at a point of a part: ``result.quantity(AtPoint(problem, "plate", (0, 0, 5), "stress",
     "zz"))``.
 
-    Collective on several ranks, and so is a quantity of it: all ranks make it alike, whoever has the part, and
-    all get its value.
+    Collective on several ranks, and so is a quantity of it: all ranks make it alike, whoever has the part,
+    and all get its value.
 
     Parameters
     ----------

@@ -20,7 +20,17 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Compared", "Interest", "Measure", "Quantile", "Resultant", "Wanted", "asked", "interest", "over_all_ranks"]
+__all__ = [
+    "Compared",
+    "Interest",
+    "Measure",
+    "Quantile",
+    "Resultant",
+    "Wanted",
+    "asked",
+    "interest",
+    "over_all_ranks",
+]
 
 Of = Literal["force", "jump"]
 _COMPONENTS = ("normal", "shear1", "shear2")

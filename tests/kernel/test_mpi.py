@@ -180,7 +180,12 @@ def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ranks", [2, 3])
 @pytest.mark.parametrize(
-    ("call", "said"), [("columns", ("same part", "same columns")), ("inside", ("same inside", "refused"))]
+    ("call", "said"),
+    [
+        ("columns", ("same part", "same columns")),
+        ("inside", ("same inside", "refused")),
+        ("numbers", ("same estimates",)),
+    ],
 )
 def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int, call: str, said: tuple[str, ...]) -> None:
     run = launch(ranks, "mpi_spread.py", call)
