@@ -178,8 +178,8 @@ def estimates() -> None:
             own: list[float] = []
             for quantity in (None, Resultant("joint")):
                 found = lf.discretisation_error(result, quantity)
-                own += [found.energy, *found.parts.values()]
-                own += [found.quantity, found.correction, found.bound] if quantity else []  # type: ignore[list-item]
+                of_quantity = found.quantity, found.correction, found.bound
+                own += [found.energy, *found.parts.values(), *(n for n in of_quantity if n is not None)]
             softer = problem.with_laws(values={"lower.E": 120e3})
             others = (result, lf.solve(softer, active=["joint"], options=TIGHT))
             for answer, of in ((a, of) for a in others for of in PLACES):
@@ -197,9 +197,8 @@ def estimates() -> None:
             own += samples.quantity(probe).values.tolist()
             # another rank has it, or the same one: all know its number
             upper = lf.AtPoint(problem, "upper", (0.5, 0.5, 1.4), "stress", "zz")
-            own.append(float(result.quantity(lambda f, a=probe, b=upper: a(f) + b(f)).values[0]
-                             if comm.size == 1 else
-                             result.mean_std(lf.Measure(lambda f, a=probe, b=upper: a(f) + b(f))).mean))
+            both = lf.Measure(lambda f, a=probe, b=upper: a(f) + b(f), "both")
+            own.append(result.mean_std(both).mean)
             numbers.append(own)
         for one, other in zip(*numbers, strict=True):
             same("estimates", one, other)
@@ -265,7 +264,7 @@ def refused() -> None:
             assert text in str(error), error
         else:
             raise AssertionError(text)
-    made = scene(WORLD, law, 1, True, material=lambda u, v: LinearElastic(200e3, 0.3).bilinear(u, v))
+    made = scene(WORLD, law, 1, True, material=lambda u, v: STEEL.bilinear(u, v))
     result = lf.solve(lf.assemble(made, comm=WORLD), active=["joint"])
     try:
         lf.discretisation_error(result)
@@ -288,5 +287,6 @@ def refused() -> None:
 
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
-    for each in {"columns": (answers, random), "inside": (inside, loose, refused), "numbers": (estimates,)}[sys.argv[1]]:
+    calls = {"columns": (answers, random), "inside": (inside, loose, refused), "numbers": (estimates,)}
+    for each in calls[sys.argv[1]]:
         each()
