@@ -17,6 +17,7 @@ a difference (control variates with cross-fitting).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from math import comb
 from typing import NamedTuple
 
@@ -200,7 +201,7 @@ def sides_of(samples: SampleResult) -> list[Flags]:
     for name, interface in problem.interfaces.items():
         if not interface.law.unilateral or name not in samples.plan.active:
             continue
-        force = samples.everywhere(name, lambda name=name: samples.force(name))
+        force = samples.everywhere(name, partial(samples.force, name))
         normal = force[..., 0] if samples.times is None else force[:, -1, :, 0]
         share = contact_states(normal, np.zeros_like(normal), None)[0].mean(axis=-1)
         found += [share > 0.0, share > 0.5, share >= 1.0]

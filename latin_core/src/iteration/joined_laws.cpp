@@ -87,7 +87,7 @@ Vector JoinedLaws::law_flexibility(const Vector& wanted) const {
 }
 
 Vector JoinedLaws::forces(Index column, const Memory& before, ConstVectorRef jump,
-                            ConstVectorRef flexibility) const {
+                          ConstVectorRef flexibility) const {
   return of_unknowns(1, [&] {
     return system_.forces(column, before, joined_->own_unknowns(jump).col(0),
                           joined_->own_unknowns(flexibility).col(0));
@@ -95,7 +95,7 @@ Vector JoinedLaws::forces(Index column, const Memory& before, ConstVectorRef jum
 }
 
 Vector JoinedLaws::advance(Index column, Memory& memory, ConstVectorRef jump,
-                             ConstVectorRef flexibility) const {
+                           ConstVectorRef flexibility) const {
   return of_unknowns(1, [&] {
     return system_.advance(column, memory, joined_->own_unknowns(jump).col(0),
                            joined_->own_unknowns(flexibility).col(0));
@@ -103,7 +103,7 @@ Vector JoinedLaws::advance(Index column, Memory& memory, ConstVectorRef jump,
 }
 
 Matrix JoinedLaws::slopes(Index column, const Memory& before, ConstVectorRef jump,
-                            ConstVectorRef flexibility) const {
+                          ConstVectorRef flexibility) const {
   return of_unknowns(joined_->most_components(), [&] {
     return system_.slopes(column, before, joined_->own_unknowns(jump).col(0),
                           joined_->own_unknowns(flexibility).col(0));
@@ -112,7 +112,7 @@ Matrix JoinedLaws::slopes(Index column, const Memory& before, ConstVectorRef jum
 
 /// A side's share of the free jump: a / k = (f - k w) / k = s / k - 2 w.
 Matrix JoinedLaws::share(const Joined::JoinedInterface& interface, std::size_t side,
-                           ConstMatrixRef data, ConstMatrixRef traces) const {
+                         ConstMatrixRef data, ConstMatrixRef traces) const {
   const Index first = interface.rows[side];
   return directions().segment(first, interface.size).cwiseInverse().asDiagonal() *
              data.middleRows(first, interface.size) -

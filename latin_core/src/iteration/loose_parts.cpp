@@ -36,9 +36,9 @@ void Multipliers::keep_idle() {
   }
   for (std::size_t i = 0; i < linear_.size(); ++i) {
     const Joined::JoinedInterface& interface = joined().interfaces()[i];
-    const bool keeps =
-        !linear_[i] &&
-        std::ranges::any_of(interface.rows, [&](Index row) { return idles[body_of(row)]; });
+    const bool keeps = !linear_[i] && std::ranges::any_of(interface.rows, [&](Index row) {
+      return idles[body_of(row)];
+    });
     if (keeps) {
       keeping_.segment(interface.first_unknown, interface.size) =
           keeping * interface.weights.cwiseQuotient(interface.flexibility);
@@ -102,8 +102,7 @@ void Multipliers::find_placeless() {
 /// Which body has a row.
 std::size_t Multipliers::body_of(Index row) const {
   const auto& bodies = joined().bodies();
-  const auto after =
-      std::ranges::upper_bound(bodies, row, {}, &Joined::JoinedBody::first_row);
+  const auto after = std::ranges::upper_bound(bodies, row, {}, &Joined::JoinedBody::first_row);
   return static_cast<std::size_t>(after - bodies.begin()) - 1;
 }
 
@@ -115,8 +114,8 @@ std::vector<bool> Multipliers::forceless() const {
   for (Index b = 0; b < sizes.size(); ++b) {
     const auto at = static_cast<std::size_t>(b);
     const double none = no_force * of_terms(b);
-    found[at] = joined().bodies()[at].unloaded && sizes(b) <= none &&
-                not_flown * none <= sizes.maxCoeff();
+    found[at] =
+        joined().bodies()[at].unloaded && sizes(b) <= none && not_flown * none <= sizes.maxCoeff();
   }
   return found;
 }

@@ -101,7 +101,7 @@ class Multipliers {
   substructure::Tangent tangent_;
   JoinedLaws system_;
   bool remembers_;
-  std::vector<bool> linear_;      ///< (interfaces)
+  std::vector<bool> linear_;                              ///< (interfaces)
   std::vector<Index> nonlinear_;                          ///< unknowns of nonlinear laws
   std::optional<substructure::ContactTangent> contacts_;  ///< where it pays
   Vector areas_;                                          ///< (unknowns)
