@@ -94,8 +94,10 @@ class AtPoint:
 
     def on(self, problem: object) -> AtPoint:
         """The same of another assembled problem: on other meshes the point is looked for again."""
-        parts = getattr(problem, "parts", {})
-        if problem is self.problem or not isinstance(problem, Problem) or self.part not in parts:
+        if problem is self.problem or not isinstance(problem, Problem) or self.part not in problem.parts:
+            return self
+        here = problem.substructures.get(self.part)
+        if here is not None and here.part is None:  # it was gathered from the ranks: the unknowns are the same
             return self
         return AtPoint(problem, self.part, [float(x) for x in self.point], self.of, self.component, self.step)
 
