@@ -21,7 +21,7 @@ from dolfinx_frontend.common.checks import check_kind, check_known, checked_name
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Block, one_number_a_sample, stepped
-from dolfinx_frontend.results.resultant import Interest, Quantile, Wanted, asked
+from dolfinx_frontend.results.resultant import Interest, Quantile, Wanted, asked, over_all_ranks
 from dolfinx_frontend.uncertainty.expressions import Operand
 
 __all__ = ["Event", "Response", "response"]
@@ -123,7 +123,7 @@ class Response:
         if not hasattr(wanted, "function"):
             return np.asarray(wanted.at_end(answer, answer), dtype=np.float64)
         where = f"response {self.name!r}"
-        function: Callable[[Block], Any] = wanted.function
+        function: Callable[[Block], Any] = over_all_ranks(wanted.function, answer.problem)
         blocks = answer.blocks()
         found = [one_number_a_sample(told_call(where, function, b), len(b), self.name) for b in blocks]
         return np.concatenate(found)

@@ -97,7 +97,7 @@ class AtPoint:
         if problem is self.problem or not isinstance(problem, Problem) or self.part not in problem.parts:
             return self
         here = problem.substructures.get(self.part)
-        if here is not None and here.part is None:  # it was gathered from the ranks: the unknowns are the same
+        if here is not None and here.part is None:  # it was gathered from ranks: the unknowns are the same
             return self
         return AtPoint(problem, self.part, [float(x) for x in self.point], self.of, self.component, self.step)
 
