@@ -75,13 +75,13 @@ def _joined(problem: Problem, every: list[_Own]) -> Problem:
     """The problem from what all ranks have sent; what all of them know is taken from here."""
     sent = {name: each for own in every for name, each in own.parts.items()}
     parts = {}
-    for name, known in problem.parts.items():
+    for name, summary in problem.parts.items():
         stiffness, surface, rest = sent[name]
         parts[name] = Substructure(
             part=None,  # type: ignore[arg-type]
             space=None,
             stiffness=petsc_matrix(stiffness),
-            factor=known.factor,
+            factor=summary.factor,
             **rest,
         )
         vars(parts[name])["surface"] = surface  # there is no mesh to count them on

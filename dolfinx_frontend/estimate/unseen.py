@@ -220,7 +220,8 @@ def of_shape(
     found = _round_facets(part)
     if found is not None and own is not None:
         kept = own[found.cells]
-        found = _Round(*(each[kept] for each in found)) if kept.any() else None
+        some = found.cells[kept], found.areas[kept], found.thickness[kept], found.longer[kept]
+        found = _Round(*some) if kept.any() else None
     if found is None:
         return 0.0, 0.0
     made = recovery(part)

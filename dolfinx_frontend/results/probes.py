@@ -90,7 +90,7 @@ class AtPoint:
     @property
     def _definition(self) -> tuple[object, ...]:
         """What makes two of them the same, whatever rank they are on."""
-        return self.part, *self.point.tolist(), self.of, self.component, self.step
+        return self.part, tuple(float(x) for x in self.point), self.of, self.component, self.step
 
     def on(self, problem: object) -> AtPoint:
         """The same of another assembled problem: on other meshes the point is looked for again."""
@@ -119,7 +119,7 @@ class AtPoint:
                     loads = [(a, b, _at(s, stress, place, True)[picked]) for a, b, stress in initial]
                 rows = self._cell_rows(where, s, place, True)[picked]
                 found = _Rows(_unknowns(place, s.dim), rows, place.cell, loads)
-        if comm is None:
+        if problem.distribution is None:
             assert found is not None
             return found
         shared: _Rows = comm.bcast(found, root=problem.distribution.owner[part])
@@ -162,7 +162,7 @@ class AtPoint:
     def _cell_rows(self, where: str, s: Substructure | Condensed, place: Place, here: bool) -> Array:
         """(components, unknowns of the cell): the field at the point; of a stress zeros elsewhere."""
         if self.of == "displacement":
-            return np.kron(place.shape, np.eye(s.dim))
+            return np.asarray(np.kron(place.shape, np.eye(s.dim)), dtype=np.float64)
         if getattr(s.material, "stress", None) is None:
             raise SceneError(
                 f"{where}: its material is a form that gives no stress: give one with a method stress(u)"
