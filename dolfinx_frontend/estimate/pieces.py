@@ -65,7 +65,8 @@ class Piece:
         with agreement(comm):
             mine = (0.0, 0.0) if self.part is None else of_shape(self.part, one, other, self.points, self.own)
         every = comm.allgather(mine)
-        return abs(sum(layer for layer, _ in every)) + max(longer for _, longer in every) * abs(value)
+        layer, longer = sum(each[0] for each in every), max(each[1] for each in every)
+        return float(abs(layer) + longer * abs(value))
 
     def _values(self, functions: Any) -> tuple[Any, list[Array]]:
         around = self.whole.surroundings
