@@ -25,10 +25,11 @@ _LEFT = ("part", "space", "stiffness", "material", "sources", "factor")
 
 
 class _Own(NamedTuple):
-    """What a rank sends: of parts their stiffness and the rest; of interfaces all but laws and traces; sides
-    with their traces, and their column of the matching nodes; nodal forces of loads."""
+    """What a rank sends: of parts their stiffness, the nodes on exterior facets, and the rest; of interfaces
+    all but laws and traces; sides with their traces, and their column of the matching nodes; nodal forces of
+    loads."""
 
-    parts: dict[str, tuple[sp.csr_matrix, dict[str, Any]]]
+    parts: dict[str, tuple[sp.csr_matrix, int, dict[str, Any]]]
     interfaces: dict[str, Interface]
     sides: dict[tuple[str, int], tuple[Side, sp.csr_matrix, Any]]
     loads: dict[str, dict[str, dict[str, Array]]]
@@ -57,7 +58,7 @@ def _own(problem: Problem) -> _Own:
     parts, interfaces, sides = {}, {}, {}
     for name, part in problem.substructures.items():
         rest = {each.name: getattr(part, each.name) for each in fields(part) if each.name not in _LEFT}
-        parts[name] = (csr(part.stiffness), rest)
+        parts[name] = (csr(part.stiffness), part.surface, rest)
     for name, interface in problem.interfaces.items():
         if problem.speaks_for(name):
             bare = tuple(replace(side, trace=None) for side in interface.sides)
@@ -73,16 +74,17 @@ def _own(problem: Problem) -> _Own:
 def _joined(problem: Problem, every: list[_Own]) -> Problem:
     """The problem from what all ranks have sent; what all of them know is taken from here."""
     sent = {name: each for own in every for name, each in own.parts.items()}
-    parts = {
-        name: Substructure(
+    parts = {}
+    for name, summary in problem.parts.items():
+        stiffness, surface, rest = sent[name]
+        parts[name] = Substructure(
             part=None,  # type: ignore[arg-type]
             space=None,
-            stiffness=petsc_matrix(sent[name][0]),
-            factor=known.factor,
-            **sent[name][1],
+            stiffness=petsc_matrix(stiffness),
+            factor=summary.factor,
+            **rest,
         )
-        for name, known in problem.parts.items()
-    }
+        vars(parts[name])["surface"] = surface  # there is no mesh to count them on
     bare = {name: each for own in every for name, each in own.interfaces.items()}
     of_sides = {where: each for own in every for where, each in own.sides.items()}
     interfaces = {}

@@ -11,7 +11,7 @@ import numpy as np
 import ufl
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
-from dolfinx_frontend.assembly.places import place_of
+from dolfinx_frontend.assembly.places import place_of, place_on_ranks
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.assembly.substructure import Sources, Substructure, ring
@@ -361,11 +361,18 @@ def _traction(load: Load, s: Substructure, shape: Any) -> _Shape:
 
 def _point_force(load: Load, s: Substructure, shape: Any) -> _Shape:
     axis, point = shape
-    place = place_of(load.where, s.part.mesh, s.space, fitting(load.where, "point", point, s.dim))
+    where, mesh, here = load.where, s.part.mesh, True
+    place_at = fitting(where, "point", point, s.dim)
     if axis >= s.dim:
-        raise SceneError(f"{load.where}: a component {AXES[axis]!r} on a part of {s.dim} dimensions")
+        raise SceneError(f"{where}: a component {AXES[axis]!r} on a part of {s.dim} dimensions")
+    if isinstance(s, Condensed):
+        rank, place = place_on_ranks(where, mesh, s.space, place_at)
+        here = rank == mesh.comm.rank
+    else:
+        place = place_of(where, mesh, s.space, place_at)
     nodal = np.zeros((s.size // s.dim, s.dim))
-    nodal[place.nodes, axis] = place.shape
+    if here:
+        nodal[place.nodes, axis] = place.shape
     return _Shape(nodal.ravel())
 
 
@@ -426,18 +433,13 @@ def spread_load(load: Load, whole: Condensed, s: Substructure | None) -> PartLoa
     Raises
     ------
     SceneError
-        As for :func:`part_load`, and of a force at a point.
+        As for :func:`part_load`.
     """
     comm = whole.space.mesh.comm
     if load.kind in _OF_FACES:  # whose unknowns are all kept
         with agreement(comm):
             return part_load(load, s)
     with agreement(comm):
-        if load.kind == "point_force":
-            raise SceneError(
-                f"{load.where}: a force at a point of part {whole.name!r}, whose mesh is spread over "
-                "processes: use scene.force on a face, or make the mesh on COMM_SELF"
-            )
         own = part_load(load, cast(Substructure, whole))
     columns: dict[str, dict[str, Array]] = {parameter: {} for parameter in load.values}
     for parameter in load.shapes:

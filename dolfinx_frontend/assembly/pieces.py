@@ -122,6 +122,11 @@ class Pieces:
                 rank = f"rank {nodes.comm.rank}"
                 raise SceneError(f"{where}: {rank} could not eliminate its cells: {error}") from None
 
+    @property
+    def faces(self) -> int:
+        """Unknowns on faces."""
+        return self._nodes.dim * self._nodes.count_face
+
     def condensed(self, owner: int) -> Array | None:
         """S on the owner, None elsewhere; once."""
         comm, d = self._nodes.comm, self._nodes.dim

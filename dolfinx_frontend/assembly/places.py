@@ -9,11 +9,12 @@ import numpy as np
 from dolfinx import geometry
 
 from dolfinx_frontend.assembly.elements import tabulate
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Place", "place_of"]
+__all__ = ["Place", "place_of", "place_on_ranks"]
 
 NEAR = 1e-6
 """Distance from a part, relative to its size, within which a point is one of its points."""
@@ -48,30 +49,75 @@ def place_of(where: str, mesh: Any, space: Any, point: Array) -> Place:
         It is outside, with how far.
     """
     d = int(mesh.geometry.dim)
+    size = float(np.ptp(np.asarray(mesh.geometry.x)[:, :d], axis=0).max())
+    cell, gap = _nearest(mesh, point, size)
+    _check_gap(where, point, gap, size)
+    return _placed(mesh, space, cell, point)
+
+
+def place_on_ranks(where: str, mesh: Any, space: Any, point: Array) -> tuple[int, Place]:
+    """The rank that has the cell of a point (d,) of a part whose mesh is spread over the ranks, and its place
+    there; collective.
+
+    Raises
+    ------
+    SceneError
+        As for :func:`place_of`, on all ranks.
+    """
+    comm, d = mesh.comm, int(mesh.geometry.dim)
+    x = np.asarray(mesh.geometry.x)[:, :d]
+    boxes = comm.allgather((x.min(axis=0), x.max(axis=0)) if len(x) else None)
+    known = [box for box in boxes if box is not None]
+    low, high = (join([box[k] for box in known], axis=0) for k, join in ((0, np.min), (1, np.max)))
+    size = float((high - low).max())
+    with agreement(comm):
+        cell, gap = _nearest(mesh, point, size)
+    gaps = comm.allgather(gap)
+    rank = int(np.argmin(gaps))
+    _check_gap(where, point, gaps[rank], size)
+    place: Place | None = None
+    with agreement(comm):
+        if comm.rank == rank:
+            place = _placed(mesh, space, cell, point)
+    found: Place = comm.bcast(place, root=rank)
+    return rank, found
+
+
+def _nearest(mesh: Any, point: Array, size: float) -> tuple[int, float]:
+    """The cell of this rank that a point is in, or is nearest to, and how far it is from it."""
+    d = int(mesh.geometry.dim)
+    count = int(mesh.topology.index_map(d).size_local)
+    if not count:
+        return -1, float("inf")
     x = np.zeros((1, 3))
     x[0, :d] = point
-    count = int(mesh.topology.index_map(d).size_local)
-    size = float(np.ptp(np.asarray(mesh.geometry.x)[:, :d], axis=0).max())
     tree = geometry.bb_tree(mesh, d, padding=NEAR * size)
     candidates = geometry.compute_collisions_points(tree, x)
-    cells = np.asarray(candidates.array, dtype=np.int32)
     found = geometry.compute_colliding_cells(mesh, candidates, x).array
+    found = found[found < count]  # the others are those of other ranks
     if len(found):
-        cell = int(found[0])
-    else:
-        every = cells if len(cells) else np.arange(count, dtype=np.int32)
-        gaps = [float(np.linalg.norm(geometry.compute_distance_gjk(_vertices(mesh, c), x))) for c in every]
-        best = int(np.argmin(gaps))
-        if gaps[best] > NEAR * size:
-            shown = ", ".join(f"{v:.6g}" for v in point)
-            raise SceneError(
-                f"{where}: the point ({shown}) is {gaps[best]:.4g} outside the part; give one inside or on "
-                "its "
-                "surface"
-            )
-        cell = int(every[best])
+        return int(found[0]), 0.0
+    cells = np.asarray(candidates.array, dtype=np.int32)
+    cells = cells[cells < count]
+    every = cells if len(cells) else np.arange(count, dtype=np.int32)
+    gaps = [float(np.linalg.norm(geometry.compute_distance_gjk(_vertices(mesh, c), x))) for c in every]
+    best = int(np.argmin(gaps))
+    return int(every[best]), gaps[best]
+
+
+def _check_gap(where: str, point: Array, gap: float, size: float) -> None:
+    if gap > NEAR * size:
+        shown = ", ".join(f"{v:.6g}" for v in point)
+        raise SceneError(
+            f"{where}: the point ({shown}) is {gap:.4g} outside the part; give one inside or on its surface"
+        )
+
+
+def _placed(mesh: Any, space: Any, cell: int, point: Array) -> Place:
+    """Where in a cell a point is."""
+    d = int(mesh.geometry.dim)
     nodes = np.asarray(mesh.geometry.x)[cell_nodes(mesh)[cell]][:, :d]
-    reference = np.asarray(coordinate_map(mesh).pull_back(x[:, :d], nodes))[0]
+    reference = np.asarray(coordinate_map(mesh).pull_back(np.reshape(point, (1, d)), nodes))[0]
     values = tabulate(space.element.basix_element, 0, reference[None])[0, 0]
     return Place(cell, reference, np.asarray(space.dofmap.list)[cell].astype(np.int64), values)
 

@@ -398,7 +398,7 @@ class Problem(OneProcess):
             {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
             self.distribution,
             {name: each.at(time) for name, each in self.loads.items()},
-            spread=self.spread,
+            spread={name: each.at(time) for name, each in self.spread.items()},
         )
 
     @property
@@ -503,6 +503,7 @@ class Problem(OneProcess):
         Collective where a field is new to a part: all ranks are told its cells.
         """
         parts, loads, summaries = dict(self.substructures), dict(self.loads), dict(self.parts)
+        whole = dict(self.spread)
         for key, value in values.items():
             name, _, what = key.rpartition(".")
             random = is_uncertain(value) or is_random_field(value)
@@ -531,6 +532,8 @@ class Problem(OneProcess):
             ratio = float(mean) / known.E
             summaries[name] = replace(known, E=float(mean), modulus=ratio * known.modulus, factor=factor)
             loads = {n: each.strained(name, ratio) for n, each in loads.items()}
+            if name in whole:
+                whole[name] = whole[name].stretched(replace(whole[name].material, E=float(mean)), ratio)
             if name not in parts:
                 continue
             part = parts[name]
@@ -546,7 +549,7 @@ class Problem(OneProcess):
         spread = self.distribution
         if spread is not None:
             spread = replace(spread, parts=with_cells(spread.comm, summaries, parts))
-        return replace(self, substructures=parts, loads=loads, distribution=spread)
+        return replace(self, substructures=parts, loads=loads, distribution=spread, spread=whole)
 
     def __repr__(self) -> str:
         lines = [

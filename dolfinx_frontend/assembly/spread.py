@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import dolfinx.fem as fem
@@ -27,7 +28,6 @@ import dolfinx.la as la
 import numpy as np
 import scipy.sparse as sp
 import ufl
-from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from petsc4py import PETSc as _PETSc
 
@@ -36,11 +36,10 @@ from dolfinx_frontend.assembly.pieces import BLOCK, Nodes, Pieces, memory_of_pie
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.substructure import Substructure, form_of, load_form, modulus_of
+from dolfinx_frontend.assembly.taken import Cells, Surroundings, cells_along, joined, meshed, numbers_in
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.memory import available_memory
-from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.specs import SubstructureSpec
 from dolfinx_frontend.scene.values import is_random_field
@@ -62,102 +61,6 @@ MOST = 16_000
 """Unknowns that are kept, at most: their matrix is dense (2 GB)."""
 
 
-class _Skin(NamedTuple):
-    """Cells along faces: geometry nodes and nodes of unknowns by their global numbers, facets as (cell,
-    number in it, tag)."""
-
-    cells: Ints
-    nodes: Ints
-    x: Array
-    dofs: Ints
-    places: Ints
-    coordinates: Array
-    facets: Ints
-
-
-def _along(part: Any, space: Any, faces: Sequence[str]) -> _Skin:
-    """The cells of this rank along some faces."""
-    mesh, d = part.mesh, int(part.mesh.geometry.dim)
-    topology, tdim = mesh.topology, mesh.topology.dim
-    topology.create_connectivity(tdim - 1, tdim)
-    topology.create_connectivity(tdim, tdim - 1)
-    tags = part.facet_tags
-    wanted = [part.names[face] for face in faces]
-    at = np.flatnonzero(np.isin(tags.values, wanted))
-    facets, values = np.asarray(tags.indices)[at], np.asarray(tags.values)[at]
-    to_cell = topology.connectivity(tdim - 1, tdim)
-    cells = to_cell.array[to_cell.offsets[facets]] if len(facets) else np.zeros(0, dtype=np.int32)
-    own = cells < topology.index_map(tdim).size_local  # a facet is told by the rank of its cell
-    facets, values, cells = facets[own], values[own], cells[own]
-    kept, of_kept = np.unique(cells, return_inverse=True)
-    to_facet = topology.connectivity(tdim, tdim - 1)
-    count = len(to_facet.offsets) - 1  # 0 on a rank without cells
-    by_cell = to_facet.array.reshape(count, -1) if count else np.zeros((0, 1), dtype=np.int32)
-    number = np.argmax(by_cell[cells] == facets[:, None], axis=1)
-    geometry, unknowns = cell_nodes(mesh)[kept], np.asarray(space.dofmap.list)[kept]
-    local_nodes, local_dofs = np.unique(geometry), np.unique(unknowns)
-    global_nodes = mesh.geometry.index_map().local_to_global(local_nodes.astype(np.int32))
-    global_dofs = space.dofmap.index_map.local_to_global(local_dofs.astype(np.int32))
-    return _Skin(
-        global_nodes[np.searchsorted(local_nodes, geometry)],
-        global_nodes,
-        np.asarray(mesh.geometry.x)[local_nodes][:, :d],
-        global_dofs[np.searchsorted(local_dofs, unknowns)],
-        global_dofs,
-        space.tabulate_dof_coordinates()[local_dofs][:, :d],
-        np.column_stack([of_kept, number, values]).astype(np.int64),
-    )
-
-
-def _joined(skins: Sequence[_Skin]) -> _Skin:
-    """The cells of all ranks; nodes and unknowns are numbered from 0 in the order of their global numbers."""
-    nodes, first = np.unique(np.concatenate([s.nodes for s in skins]), return_index=True)
-    places, at = np.unique(np.concatenate([s.places for s in skins]), return_index=True)
-    starts = np.cumsum([0, *(len(s.cells) for s in skins)])
-    shift = [np.array([start, 0, 0]) for start in starts]
-    cells = [s.cells for s in skins if len(s.cells)]
-    dofs = [s.dofs for s in skins if len(s.cells)]
-    return _Skin(
-        np.searchsorted(nodes, np.concatenate(cells)),
-        nodes,
-        np.concatenate([s.x for s in skins])[first],
-        np.searchsorted(places, np.concatenate(dofs)),
-        places,
-        np.concatenate([s.coordinates for s in skins])[at],
-        np.concatenate([s.facets + move for s, move in zip(skins, shift, strict=False)]),
-    )
-
-
-def _meshed(part: Any, skin: _Skin) -> Part:
-    """The cells as a mesh of this rank, with the names of the faces."""
-    mesh = create_mesh(skin.cells, skin.x, str(part.mesh.topology.cell_name()), _order(part))
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim, tdim - 1)
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    to_facet = mesh.topology.connectivity(tdim, tdim - 1)
-    new_cells = np.argsort(np.asarray(mesh.topology.original_cell_index))
-    by_cell = to_facet.array.reshape(-1, len(to_facet.links(0)))
-    facets = by_cell[new_cells[skin.facets[:, 0]], skin.facets[:, 1]]
-    order = np.argsort(facets)
-    values = skin.facets[order, 2].astype(np.int32)
-    return Part(mesh, dmesh.meshtags(mesh, tdim - 1, facets[order], values), dict(part.names))
-
-
-def _order(part: Any) -> int:
-    return int(coordinate_map(part.mesh).degree)
-
-
-def _numbers(space: Any, skin: _Skin) -> Ints:
-    """Node of the space -> node of the skin. The nodes of a cell may come in another order."""
-    mine = space.dofmap.list
-    theirs = skin.dofs[np.asarray(space.mesh.topology.original_cell_index)]
-    x = space.tabulate_dof_coordinates()[:, : skin.x.shape[1]]
-    away = np.linalg.norm(x[mine][:, :, None] - skin.coordinates[theirs][:, None], axis=3)
-    out = np.zeros(len(x), dtype=np.int64)
-    out[mine] = np.take_along_axis(theirs, np.argmin(away, axis=2), axis=1)
-    return out
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Condensed:
     """What all ranks keep of a part that is spread over them.
@@ -177,6 +80,9 @@ class Condensed:
         Load of the scene and its parameter -> nodal forces of the number 1, as `load`.
     stresses
         The same -> initial stress (UFL on the whole mesh).
+    ratio
+        What the stiffness was multiplied with since it was factorised: `material`, `stresses` and `loads` of
+        initial strains are those of the new one.
     """
 
     name: str
@@ -190,6 +96,7 @@ class Condensed:
     _way: Any = field(repr=False)
     loads: dict[tuple[str, str], Array] = field(default_factory=dict)
     stresses: dict[tuple[str, str], Any] = field(default_factory=dict)
+    ratio: float = 1.0
 
     @property
     def dim(self) -> int:
@@ -248,8 +155,46 @@ class Condensed:
         on_faces, factors = comm.bcast(values, root=self.owner)
         load = self.load + sum(a(0.0 if time is None else time) * f for a, f in self.varying.items())
         load = load + sum(factors.get(key, 0.0) * f for key, f in self.loads.items())
+        return self._field(on_faces, load)
+
+    def answer(self, unknowns: Array | None) -> Any:
+        """As :meth:`displacement`, with nothing that acts inside the part."""
+        comm = self.space.mesh.comm
+        own = None if self.rows is None or unknowns is None else np.asarray(unknowns)[self.rows]
+        return self._field(comm.bcast(own, root=self.owner), np.zeros_like(self.load))
+
+    def held(self, load: Array) -> Any:
+        """The displacement by forces inside the part, as `load`, with the kept unknowns at 0; collective."""
+        return self._field(np.zeros(int(self._way.faces)), load)
+
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        """The cells of this rank with those that fits over neighbours need; collective when first asked for.
+
+        A vertex on the boundary takes the fit of cells around interior ones beside it, and where these are
+        few of those around their neighbours: three layers.
+        """
+        return Surroundings(self.part, self.space, 3)
+
+    def at(self, time: float) -> Condensed:
+        """The same at a time of a history: its body forces no longer change."""
+        total = self.load + sum(a(time) * f for a, f in self.varying.items())
+        return replace(self, load=total, varying={})
+
+    def stretched(self, material: Any, ratio: float) -> Condensed:
+        """The same with a stiffness that is this times what it was."""
+        return replace(
+            self,
+            material=material,
+            ratio=ratio * self.ratio,
+            loads={key: f if key not in self.stresses else ratio * f for key, f in self.loads.items()},
+            stresses={key: ratio * stress for key, stress in self.stresses.items()},
+        )
+
+    def _field(self, on_faces: Array, load: Array) -> Any:
+        """The displacement with kept unknowns (kept,) and a load inside, a dolfinx function."""
         found = fem.Function(self.space, name=self.name)
-        at, own = self._way.displacement(on_faces, load)
+        at, own = self._way.displacement(on_faces, load / self.ratio)
         found.x.array[at] = own
         found.x.scatter_forward()
         return found
@@ -317,6 +262,11 @@ class _Together:
         full = sp.lil_matrix((len(wanted), len(wanted)))
         full[self._at] = blocks[1]
         self._coupling, self._of_kept = blocks[0], full.tocsc()
+
+    @property
+    def faces(self) -> int:
+        """See :attr:`Pieces.faces`."""
+        return int(self._of_kept.shape[0])
 
     def condensed(self, owner: int) -> Array | None:
         """See :meth:`Pieces.condensed`."""
@@ -430,12 +380,12 @@ def condensed(
         mesh, d = spec.part.mesh, spec.dim
         space = fem.functionspace(mesh, ("Lagrange", spec.degree, (d,)))
         form, _ = form_of(spec, space)
-        own = _along(spec.part, space, faces)
+        own = cells_along(spec.part, space, faces)
     skins = comm.gather(own, root=owner)
     face: _Face | None = None
     with agreement(comm):
         if comm.rank == owner:
-            face = _on_face(spec, _joined(skins))
+            face = _on_face(spec, joined(skins))
     places = comm.bcast(None if face is None else face.places, root=owner)
     if not 0 < d * len(places) <= MOST:
         raise SceneError(
@@ -503,12 +453,12 @@ class _Face(NamedTuple):
     follows: sp.csr_matrix
 
 
-def _on_face(spec: SubstructureSpec, skin: _Skin) -> _Face:
+def _on_face(spec: SubstructureSpec, skin: Cells) -> _Face:
     """The nodes on the faces, and how the others of their cells follow them."""
-    made = replace(spec, source=_meshed(spec.part, skin))
+    made = replace(spec, source=meshed(spec.part, skin))
     d = spec.dim
     space = fem.functionspace(made.part.mesh, ("Lagrange", spec.degree, (d,)))
-    numbers = _numbers(space, skin)
+    numbers = numbers_in(space, skin)
     on = fem.locate_dofs_topological(space, made.part.mesh.topology.dim - 1, made.part.facet_tags.indices)
     on = on[np.argsort(numbers[on])].astype(np.int64)
     return _Face(made, space, on, skin.places[numbers[on]], _followers(space, on, d))

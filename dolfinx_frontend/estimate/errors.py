@@ -487,7 +487,10 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
         found = discretisation_error(result, None if with_dual(result.problem, quantity) is None else quantity)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
-        return None
+        if not result.problem.spread:
+            return None
+        unknown = None if quantity is None else np.nan
+        return ErrorShare(np.nan, unknown, None, f"not known: {str(error).splitlines()[0]}")
     if found.quantity is not None and not isinstance(quantity, Resultant):
         found = replace(found, quantity=OF_POINTS * found.quantity)
     if found.quantity is None:

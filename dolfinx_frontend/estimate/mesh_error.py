@@ -34,7 +34,8 @@ from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
-from dolfinx_frontend.estimate.recovery import recovery
+from dolfinx_frontend.estimate.pieces import pieces_of
+from dolfinx_frontend.estimate.recovery import missed, recovery
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.fitting import fitted
@@ -94,8 +95,8 @@ class DiscretisationError:
     seconds
         Wall time: ``recovery`` and ``dual`` (the solve for the quantity).
     cells
-        Part of this rank -> (cells,), what each cell contributes without its sign: the square roots of
-        a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide.
+        Part of which this rank has all cells -> (cells,), what each contributes without its sign: the square
+        roots of a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide.
     norm
         sqrt(a(u_h)), the energy norm of the result.
     round
@@ -192,11 +193,6 @@ def discretisation_error(
         raise SceneError(f"discretisation_error: result = {short(result)}; give a result of solve")
     if result.without_recovery is not None:
         raise SceneError(result.without_recovery)
-    if result.problem.spread:
-        raise SceneError(
-            f"discretisation_error: the mesh of {', '.join(map(repr, result.problem.spread))} is spread over "
-            "the ranks, and no stress of it is recovered: make it on COMM_SELF"
-        )
     if result.plan.varied:
         raise SceneError(
             f"discretisation_error: the stiffness of {', '.join(map(repr, result.plan.varied))} is random; "
@@ -219,6 +215,8 @@ def discretisation_error(
         problem.check_sources()
     fields = {name: _at(result, u, step) for name, u in result.displacements.items()}
     began = perf_counter()
+    pieces = pieces_of(problem)
+    whole_fields = {name: result.displacement(name, step) for name in pieces}
     dual: _Dual | None = None
     value = None
     if number is not None:
@@ -231,11 +229,18 @@ def discretisation_error(
         found = {}
         for name, part in problem.own.substructures.items():
             stop_if_pressed()
-            found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
+            if name not in pieces:
+                found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
         local = 0.0
         if at is not None:
             local = _within_cell(result, at, fields[at.part])
             cells[at.part][at.place.cell] += local
+    shapes: dict[str, float] = {}
+    whole_duals = {}
+    for name, piece in pieces.items():
+        whole_duals[name] = whole_fields[name] if dual is None else piece.whole.answer(z.get(name))
+        both = [whole_fields[name]] if dual is None else [whole_fields[name], whole_duals[name]]
+        found[name], _ = _Errors.summed(*piece.by_cell(*both))
     found = problem.gather(found, parts=True)
     # of rigid motions rounding may leave an energy below 0
     whole = float(np.sqrt(max(sum(each.norm for each in found.values()), 0.0)))
@@ -250,8 +255,11 @@ def discretisation_error(
     energy = float(np.sqrt(total.error)) / whole if whole else 0.0
     size = value if value is not None else whole**2
     others = other_sides(problem, fields, z or fields)
+    for name, piece in pieces.items():
+        shapes[name] = piece.of_shape(whole_fields[name], whole_duals[name], size)
+    shapes = {name: error for name, error in shapes.items() if error != 0.0}
     with agreement(problem.comm):
-        shapes = of_shapes(problem, fields, z, size)
+        shapes |= of_shapes(problem, fields, z, size)
         means = of_springs(problem, fields, z or fields, others)
     shapes, means = problem.gather(shapes, parts=True), problem.gather(means)
     if number is None:
@@ -322,7 +330,7 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
     order = np.argsort(-(modes**2), kind="stable")
     share = np.cumsum(modes[order] ** 2) / max(std**2, 1e-300)
     count = min(int(np.searchsorted(share, MOST_VARIANCE)) + 1, MOST_MODES, len(modes))
-    missed = 1.0 / max(float(np.sqrt(share[count - 1])), 0.1)
+    left_out = 1.0 / max(float(np.sqrt(share[count - 1])), 0.1)
     if z is None or std == 0.0:
         return DeviationError(std, 0.0, 0.0, {})
     dual = z.solve()
@@ -352,7 +360,7 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
     whole_dual = sum(of_part for _, of_part, _ in found.values())
     each = np.maximum(np.maximum(np.abs(sums[:, 1]), np.sqrt(sums[:, 2])), sums[:, 3])
     bound = float(np.sqrt(sums[:, 0].sum() * whole_dual))
-    return DeviationError(std, missed * float(np.linalg.norm(each)), missed * bound, cells)
+    return DeviationError(std, left_out * float(np.linalg.norm(each)), left_out * bound, cells)
 
 
 @dataclass(frozen=True)
@@ -373,12 +381,17 @@ class _Errors:
         """The sums, and what each cell contributes without its sign."""
         made = recovery(part)
         by_cell = made.energies([u] if z is None else [u, z])
-        norm, errors = float(u @ (part.matrix @ u)), by_cell[0, 0]
-        if z is None:
-            return cls(norm, made.missed(errors) * float(errors.sum())), errors
+        return cls.summed(float(u @ (part.matrix @ u)), by_cell, made.blind, made.unsigned)
+
+    @classmethod
+    def summed(cls, norm: float, by_cell: Array, blind: bool, unsigned: bool) -> tuple[_Errors, Array]:
+        """The same from what :meth:`Recovery.energies` says of the solution, and of the dual one after it."""
+        errors = by_cell[0, 0]
+        if len(by_cell) == 1:
+            return cls(norm, missed(errors, blind) * float(errors.sum())), errors
         product, of_dual = by_cell[0, 1], by_cell[1, 1]
         sizes = np.sqrt(np.maximum(errors * of_dual, 0.0))
-        more = made.missed(sizes)
+        more = missed(sizes, blind)
         sums = cls(
             norm,
             more * float(errors.sum()),
@@ -386,7 +399,7 @@ class _Errors:
             float(product.sum()),
             float(product @ product),
             more * float(product.sum()),
-            float(sizes.sum()) if made.unsigned else 0.0,
+            float(sizes.sum()) if unsigned else 0.0,
         )
         return sums, sizes
 

@@ -31,7 +31,7 @@ from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.materials import LinearElastic
 
-__all__ = ["Recovery", "recovery"]
+__all__ = ["Recovery", "missed", "recovery"]
 
 
 FEW, SINGULAR = 0.06, 1.5
@@ -112,6 +112,11 @@ def _share_of_few(sizes: Array) -> float:
     count = max(1, round(FEW * len(sizes)))
     total = float(sizes.sum())
     return float(np.partition(sizes, -count)[-count:].sum()) / total if total > 0.0 else 0.0
+
+
+def missed(sizes: Array, blind: bool) -> float:
+    """How much larger sums of `energies` are, whose sizes by cell are given, for what fits do not see."""
+    return 1.0 + SINGULAR * _share_of_few(sizes) if blind else 1.0
 
 
 def recovery(part: Substructure) -> Recovery:
@@ -300,8 +305,8 @@ class Recovery:
         return out
 
     def missed(self, sizes: Array) -> float:
-        """How much larger sums of `energies` are, whose sizes by cell are given, for what fits do not see."""
-        return 1.0 + SINGULAR * _share_of_few(sizes) if self.blind else 1.0
+        """As :func:`missed`, of the cells of this part."""
+        return missed(sizes, self.blind)
 
     @property
     def blind(self) -> bool:

@@ -29,14 +29,14 @@ from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, swap
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.specs import PartLike
 
-__all__ = ["of_crossing_chords", "of_shapes", "of_springs", "other_sides"]
+__all__ = ["of_crossing_chords", "of_shape", "of_shapes", "of_springs", "other_sides"]
 
 SHARP = np.pi / 4.0
 """Turns of normals above this are edges of the part."""
@@ -203,17 +203,32 @@ def of_shapes(
         for side in interface.sides:
             acted.setdefault(side.substructure, []).append(interface.points)
     for name, part in problem.own.substructures.items():
-        found = _round_facets(part)
-        if found is None or name not in fields:
+        if name not in fields or name in problem.spread:  # of which Piece.of_shape tells
             continue
-        made = recovery(part)
-        u = fields[name]
-        density = made.products(u, duals.get(name, u)) / made.volumes()
-        layer = abs(float(np.sum((found.thickness * found.areas) * density[found.cells])))
-        # what acts on round faces acts on their chords
         points = np.concatenate(acted.get(name, [np.zeros((0, part.dim))]))
-        out[name] = layer + _longer(part, found, points) * abs(value)
-    return out
+        u = fields[name]
+        layer, longer = of_shape(part, u, duals.get(name, u), points)
+        out[name] = abs(layer) + longer * abs(value)
+    return {name: error for name, error in out.items() if error != 0.0}
+
+
+def of_shape(
+    part: Substructure, u: Array, z: Array, points: Array, own: Flags | None = None
+) -> tuple[float, float]:
+    """What the layers between straight cells and round faces do to a quantity, with its sign, and how much
+    longer than chords the arcs beside points are, relative; of some of the cells."""
+    found = _round_facets(part)
+    if found is not None and own is not None:
+        kept = own[found.cells]
+        some = found.cells[kept], found.areas[kept], found.thickness[kept], found.longer[kept]
+        found = _Round(*some) if kept.any() else None
+    if found is None:
+        return 0.0, 0.0
+    made = recovery(part)
+    density = made.products(u, z) / made.volumes()
+    layer = float(np.sum((found.thickness * found.areas) * density[found.cells]))
+    # what acts on round faces acts on their chords
+    return layer, _longer(part, found, points)
 
 
 def _longer(part: Substructure, found: _Round, points: Array) -> float:

@@ -22,7 +22,7 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Block, one_number_a_sample, stepped
 from dolfinx_frontend.results.readings import column_of
-from dolfinx_frontend.results.resultant import Interest, Quantile, Wanted, asked
+from dolfinx_frontend.results.resultant import Interest, Quantile, Wanted, asked, over_all_ranks
 from dolfinx_frontend.uncertainty.expressions import Operand
 
 __all__ = ["Event", "Response", "response"]
@@ -125,7 +125,9 @@ class Response:
             return np.asarray(wanted.at_end(answer, answer), dtype=np.float64)
         where = f"response {self.name!r}"
         function: Callable[[Block], Any] = (
-            column_of(answer, wanted.function) if isinstance(wanted.function, str) else wanted.function
+            column_of(answer, wanted.function)
+            if isinstance(wanted.function, str)
+            else over_all_ranks(wanted.function, answer.problem)
         )
         blocks = answer.blocks()
         found = [one_number_a_sample(told_call(where, function, b), len(b), self.name) for b in blocks]

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Literal, TypeGuard
+from typing import Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 from scipy import stats
 
+from dolfinx_frontend.assembly.gathered import gathered
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import together
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -213,6 +214,9 @@ def reliability(
         were solved; the same call goes on with it, with the same digits, also with a smaller `cov` or a
         larger `most`. points_comm: ranks that solve the points together, as for :func:`sweep`.
 
+    A problem of up to 20 000 unknowns whose parts are on several ranks is solved by the first one, which is
+    given all of it, and all get the answer; not with a plan, a checkpoint or a random field in a part.
+
     Raises
     ------
     SceneError
@@ -232,39 +236,89 @@ def reliability(
     checked_number(where, "cov", cov, above=0.0, below=1.0)
     checked_number(where, "level", level, above=0.0, below=1.0)
     checked_whole(where, "most", most, 100)
-    rng = np.random.default_rng(checked_seed(where, seed))
-    began = perf_counter()
-    limit = ProblemLimit(problem, event, **settings)
-    ready = perf_counter()
-    try:
-        found = chance(limit, method, rng, cov=cov, level=level, most=most)
-    finally:
-        limit.function.close()
-    estimate = found.found
-    points = sorted(found.points, key=lambda each: each.beta)
-    result = Reliability(
-        event=event.name,
-        probability=Estimate(estimate.value, estimate.low, estimate.high, level),
-        cov=estimate.cov,
-        method=found.method,
-        why=found.why,
-        design_points=tuple(limit.values(each.u) for each in points),
-        betas=tuple(each.beta for each in points),
-        importance=limit.importance(points[0].alpha) if points else {},
-        first_order=first_order(limit, found.points) if found.points else float("nan"),
-        second_order=found.second,
-        runs=limit.function.solves,
-        gradients=limit.slopes_made,
-        seconds={"setup": ready - began, "search": perf_counter() - ready},
-        lost=limit.lost,
-        medians=limit.values(np.zeros(limit.dimension)),
-    )
-    _tell(result, estimate, cov, limit)
-    return result
+    asked = {"method": method, "cov": cov, "level": level, "most": most, "seed": checked_seed(where, seed)}
+
+    def answered(problem: Problem) -> _Answer:
+        return _Answer.of(problem, event, settings, **asked)
+
+    if not _on_one_rank(problem, settings) or isinstance(seed, np.random.Generator):
+        answer = answered(problem)
+    else:
+        problem.check_alike(where, laws=True, event=event, **asked, **settings)
+        whole, made = gathered(problem), []
+        with agreement(problem.comm):
+            if whole is not None:
+                made.append(answered(whole))
+        answer = problem.comm.bcast(made, root=0)[0]
+    _tell(answer, cov)
+    return answer.result
 
 
-def _tell(result: Reliability, found: Found, cov: float, limit: ProblemLimit) -> None:
+SMALL = 20_000
+"""Unknowns up to which the first of several ranks has all of a problem, and the others wait: its iterations
+take less time than their messages do."""
+
+
+def _on_one_rank(problem: Problem, settings: Mapping[str, Any]) -> bool:
+    """Whether the first rank alone solves the points of a problem that is on several."""
+    given = {name for name, value in settings.items() if value is not None}
+    several = problem.comm is not None and not given & {"plan", "checkpoint", "points_comm"}
+    return several and problem.size <= SMALL and not problem.fields
+
+
+class _Answer(NamedTuple):
+    """What was found, and what there is to tell of it."""
+
+    result: Reliability
+    found: Found
+    places: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        event: Event,
+        settings: Mapping[str, Any],
+        *,
+        method: Method,
+        cov: float,
+        level: float,
+        most: int,
+        seed: Any,
+    ) -> _Answer:
+        """The answer on a problem."""
+        began = perf_counter()
+        limit = ProblemLimit(problem, event, **settings)
+        ready = perf_counter()
+        try:
+            found = chance(limit, method, np.random.default_rng(seed), cov=cov, level=level, most=most)
+        finally:
+            limit.function.close()
+        estimate = found.found
+        points = sorted(found.points, key=lambda each: each.beta)
+        result = Reliability(
+            event=event.name,
+            probability=Estimate(estimate.value, estimate.low, estimate.high, level),
+            cov=estimate.cov,
+            method=found.method,
+            why=found.why,
+            design_points=tuple(limit.values(each.u) for each in points),
+            betas=tuple(each.beta for each in points),
+            importance=limit.importance(points[0].alpha) if points else {},
+            first_order=first_order(limit, found.points) if found.points else float("nan"),
+            second_order=found.second,
+            runs=limit.function.solves,
+            gradients=limit.slopes_made,
+            seconds={"setup": ready - began, "search": perf_counter() - ready},
+            lost=limit.lost,
+            medians=limit.values(np.zeros(limit.dimension)),
+        )
+        return cls(result, estimate, tuple(sorted(limit.places)))
+
+
+def _tell(answer: _Answer, cov: float) -> None:
     """Warn of what the answer is not."""
+    result, found = answer.result, answer.found
     told = f"reliability: {result.event}: "
     high = result.probability.high
     if found.value == 0.0:
@@ -288,7 +342,7 @@ def _tell(result: Reliability, found: Found, cov: float, limit: ProblemLimit) ->
             SceneWarning,
         )
     if result.lost:
-        places = f" (in {', '.join(sorted(limit.places)[:3])})" if limit.places else ""
+        places = f" (in {', '.join(answer.places[:3])})" if answer.places else ""
         warn(f"{told}{result.lost} of {result.runs} points did not converge{places}", SceneWarning)
 
 

@@ -38,11 +38,13 @@ from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import Readings, column_of, read
 from dolfinx_frontend.results.probes import AtPoint, reaction_of
 from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
+from dolfinx_frontend.results.resultant import over_all_ranks
 from dolfinx_frontend.results.sampled_stress import (
     MADE_OF_STRESS,
     PartStress,
     made_of_stress,
     moments_of_stress,
+    number_of_stress,
 )
 from dolfinx_frontend.results.stress import stress_function
 from dolfinx_frontend.results.surfaces import surface_of
@@ -350,16 +352,18 @@ class Face(ABC):
 
     def _stress_on_all_ranks(self, part: str, whole: Condensed, step: int, of: str) -> fem.Function:
         """As :meth:`stress`, of a part whose mesh is spread over the ranks; collective."""
-        if of != "tensor" or self._factored(part):
-            what = f"of = {of!r}" if of != "tensor" else "of a stiffness that varies"
+        random = of != "tensor" and self.statistics not in ("value", "grid")
+        if random or self._factored(part):
+            what = f"of = {of!r} of a random answer" if random else "that of a stiffness that varies"
             raise SceneError(
-                f"stress of {part!r}: its mesh is spread over the ranks, which have the tensor of a given "
-                f"stiffness only, not {what}: make it on COMM_SELF"
+                f"stress of {part!r}: its mesh is spread over the ranks, which do not have {what}: make it "
+                "on COMM_SELF"
             )
         u, numbers = self._on_all_ranks(part, whole, step)
         with agreement(self.problem.comm):
             initial = [(stress, numbers[key]) for key, stress in whole.stresses.items()]
-            return stress_function(u, whole.material, initial=initial)
+            found = stress_function(u, whole.material, initial=initial)
+            return found if of == "tensor" else number_of_stress(part, found, of)
 
     def _factored(self, part: str) -> bool:
         """Whether the stiffness of a part varies in this answer."""
@@ -536,7 +540,8 @@ class Face(ABC):
         function
             Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times.
             An :class:`AtPoint` of another problem is found again in the meshes of this one. Or a number of
-            the tables by name: ``"joint.pressure_min"``, ``"bolt.normal"`` (see :meth:`table`).
+            the tables by name: ``"joint.pressure_min"``, ``"bolt.normal"`` (see :meth:`table`). Both are
+            known to all ranks, which ask together; another function reads what its rank has.
         name, unit
             For tables and figures.
         samples, seed
@@ -552,7 +557,7 @@ class Face(ABC):
         checked_name("quantity", name)
         where = f"quantity {name!r}"
         if isinstance(number, AtPoint):
-            number = number.on(self.problem)
+            number = over_all_ranks(number.on(self.problem), self.problem)
         blocks = self.many(self.draws if samples is None else samples, seed)
         found = [
             (one_number_a_sample(told_call(where, number, b), len(b), name), b.weights) for b in blocks

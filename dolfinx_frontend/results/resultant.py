@@ -20,7 +20,17 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Compared", "Interest", "Measure", "Quantile", "Resultant", "Wanted", "asked", "interest"]
+__all__ = [
+    "Compared",
+    "Interest",
+    "Measure",
+    "Quantile",
+    "Resultant",
+    "Wanted",
+    "asked",
+    "interest",
+    "over_all_ranks",
+]
 
 Of = Literal["force", "jump"]
 _COMPONENTS = ("normal", "shear1", "shear2")
@@ -208,11 +218,10 @@ class Measure:
 
     def at_end(self, answer: Any, fields: Any) -> Array:
         """The number (N,) in samples; `fields` are the samples themselves. Collective."""
-        function, problem = self.function, answer.problem
-        plain = not isinstance(function, str) and not hasattr(function, "on")
-        if getattr(problem, "comm", None) is not None and plain:
-            assert callable(function)
-            function = _over_ranks(function, problem)
+        function = self.function
+        # one of a point is told by its rank without more
+        if not isinstance(function, str) and not hasattr(function, "on"):
+            function = over_all_ranks(function, answer.problem)
         return np.asarray(fields.quantity(function, self.name).values)
 
     def value(self, result: Any) -> Array:
@@ -232,8 +241,13 @@ class _Elsewhere(BaseException):
     """A function has asked for a field that is on another rank."""
 
 
-def _over_ranks(function: Callable[[Any], Any], problem: Any) -> Callable[[Any], Any]:
-    """A function of the fields that all ranks call: those of other ranks are fetched when it asks."""
+def over_all_ranks(function: Callable[[Any], Any], problem: Any) -> Callable[[Any], Any]:
+    """A function of the fields that all ranks call: those of other ranks are fetched when it asks.
+
+    Where there is one rank it is the function.
+    """
+    if getattr(problem, "comm", None) is None:
+        return function
 
     def called(block: Any) -> Any:
         known: dict[tuple[Any, ...], Any] = {}

@@ -13,7 +13,7 @@ from dolfinx_frontend.results.answer import Answer, Block, stepped
 from dolfinx_frontend.results.moments import Accumulator
 from dolfinx_frontend.results.stress import broken_space, principal, stress_of, von_mises
 
-__all__ = ["MADE_OF_STRESS", "PartStress", "made_of_stress", "moments_of_stress"]
+__all__ = ["MADE_OF_STRESS", "PartStress", "made_of_stress", "moments_of_stress", "number_of_stress"]
 
 MADE_OF_STRESS = ("von Mises", "principal")
 """Numbers that are made of a stress: one, and three, the largest first."""
@@ -94,20 +94,32 @@ def made_of_stress(answer: Answer, part: str, step: int, of: str) -> tuple[fem.F
         A plane part, whose stress out of the plane is not known.
     """
     stress = PartStress(answer, part, step)
-    n = int(stress.function.function_space.value_shape[0])
-    if n != 3:
-        raise SceneError(
-            f"stress of {part!r}: of = {of!r} needs all three axes, a plane part has the stress in its plane"
-        )
-    number: Callable[[Array], Array] = von_mises if of == "von Mises" else principal
+    number = _number_of(part, stress.function, of)
     sums = Accumulator(answer.statistics != "qmc")
     for values, weights in stress.samples(_blocks(answer, OF_A_CHAOS)):
         numbers = number(values.reshape(-1, 3, 3)).reshape(len(values), -1)
         sums.add({of: numbers}, weights)
-    space = stress.function.function_space
-    degree = int(space.element.basix_element.degree)
-    shape: tuple[int, ...] = () if of == "von Mises" else (3,)
-    out = [fem.Function(broken_space(stress.function, shape, degree), name=of) for _ in range(2)]
-    for function, values in zip(out, sums.found()[of], strict=True):
-        function.x.array[:] = values
+    out = [_function_of(stress.function, of, values) for values in sums.found()[of]]
     return out[0], out[1]
+
+
+def number_of_stress(part: str, stress: fem.Function, of: str) -> fem.Function:
+    """A number made of one stress, cell by cell; raises as :func:`made_of_stress`."""
+    number = _number_of(part, stress, of)
+    return _function_of(stress, of, number(stress.x.array.reshape(-1, 3, 3)).ravel())
+
+
+def _number_of(part: str, stress: fem.Function, of: str) -> Callable[[Array], Array]:
+    if int(stress.function_space.value_shape[0]) != 3:
+        raise SceneError(
+            f"stress of {part!r}: of = {of!r} needs all three axes, a plane part has the stress in its plane"
+        )
+    return von_mises if of == "von Mises" else principal
+
+
+def _function_of(stress: fem.Function, of: str, values: Array) -> fem.Function:
+    """A function of a number made of a stress, with its values at the nodes of the cells."""
+    degree = int(stress.function_space.element.basix_element.degree)
+    function = fem.Function(broken_space(stress, () if of == "von Mises" else (3,), degree), name=of)
+    function.x.array[:] = values
+    return function

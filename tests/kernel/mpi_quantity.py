@@ -12,6 +12,7 @@ from typing import Any
 from mpi4py import MPI
 
 from dolfinx_frontend import (
+    AtPoint,
     Contact,
     Elastic,
     LinearElastic,
@@ -87,6 +88,21 @@ def main() -> None:
     ]
     assert len(set(COMM.allgather(values[0].mean))) == 1
     assert abs(values[0].mean - values[1].mean) <= 1e-3 * abs(values[1].mean), values
+    # numbers at points: all ranks make them, whoever has the part, and all know them
+    for part, x, of, component in (("b3", 33.0, "stress", "xy"), ("b0", 4.0, "displacement", "x")):
+        values = []
+        for p in (problem, alone):
+            probe = AtPoint(p, part, (x, 4.0), of, component)
+            values.append(solve(p, accuracy=1e-4, quantity=probe, meshes=False).mean_std(Measure(probe)).mean)
+        assert len(set(COMM.allgather(values[0]))) == 1
+        assert abs(values[0] - values[1]) <= 1e-3 * abs(values[1]), (part, values)
+    for point in ((55.0, 4.0), (33.0,)):  # whoever catches it goes on
+        try:
+            AtPoint(problem, "b3", point)
+        except SceneError as error:
+            assert "outside the part" in str(error) or "2 numbers" in str(error), error
+        else:
+            raise AssertionError(f"no such point: {point}")
     print(f"same answer on rank {COMM.rank}", flush=True)
     problem, alone = chain(LAWS["elastic"], COMM), chain(LAWS["elastic"], MPI.COMM_SELF)
     # the reaction of a support that was assembled across, and what its error is

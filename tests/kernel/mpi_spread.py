@@ -1,6 +1,6 @@
 """Program of test_mpi.py: a part whose mesh is spread over the ranks, against the same on one.
 
-``mpirun -n N python mpi_spread.py (columns | inside)``
+``mpirun -n N python mpi_spread.py (columns | inside | numbers)``
 """
 
 from __future__ import annotations
@@ -41,13 +41,17 @@ def block(comm: Any, cells: int, low: float, hexahedra: bool) -> Part:
     return Part(mesh, dmesh.meshtags(mesh, 2, *marked), {name: n for n, name in enumerate(FACES, start=1)})
 
 
-def scene(comm: Any, law: Any, degree: int, hexahedra: bool, other: int = 3, cells: int = 3) -> Scene:
+STEEL = LinearElastic(E=200e3, nu=0.3)
+
+
+def scene(
+    comm: Any, law: Any, degree: int, hexahedra: bool, other: int = 3, cells: int = 3, material: Any = STEEL
+) -> Scene:
     """A cube on one rank, on a cube that may be spread; both heavy, pressed together."""
     made = Scene()
-    steel = LinearElastic(E=200e3, nu=0.3)
     large = block(comm, cells, 0.0, hexahedra)
-    made.substructure("lower", large, steel, degree=degree, body_force=(0, 0, -5.0))
-    made.substructure("upper", block(MPI.COMM_SELF, other, 1.0, hexahedra), steel, degree=degree)
+    made.substructure("lower", large, material, degree=degree, body_force=(0, 0, -5.0))
+    made.substructure("upper", block(MPI.COMM_SELF, other, 1.0, hexahedra), STEEL, degree=degree)
     made.interface("joint", "upper:z0", "lower:z1", law)
     made.fix("lower:z0")
     made.traction("upper:z1", (12.0, 3.0, -100.0), name="push")
@@ -81,7 +85,9 @@ def answers() -> None:
         spread = lf.assemble(scene(WORLD, *given), comm=WORLD)
         whole = lf.assemble(scene(MPI.COMM_SELF, *given), comm=MPI.COMM_SELF)
         found, exact = (lf.solve(p, active=["joint"], options=TIGHT) for p in (spread, whole))
+        # which of both, rounding decides; it is the same on all ranks of a run
         assert found.status in ("converged", "inexact"), found.status
+        assert len(set(WORLD.allgather(found.status))) == 1
         points = [p.interfaces["joint"].points for p in (spread, whole)]
         fields = exact.force("joint"), exact.jump("joint")
         for one, two in zip(found.gathered("joint"), fields, strict=True):
@@ -158,6 +164,49 @@ def moment(stress: Any) -> Any:
     return np.array([fem.assemble_scalar(fem.form(f * ufl.dx)) for f in each])
 
 
+PLACES = {"displacement": ("x", "z"), "stress": ("xx", "xz", "mises")}
+
+
+def estimates() -> None:
+    """Errors of the meshes, numbers at points, a force at a point, and the same with another modulus."""
+    for degree, hexahedra in ((1, True), (2, False)):
+        numbers = []
+        for comm in (WORLD, MPI.COMM_SELF):
+            made = loaded(comm, hexahedra)
+            made.fix("upper:z1", name="held")  # what the joint bears is no matter of statics alone
+            made.point_force("lower", (0.4, 0.45, 0.55), (3.0, 1.0, 30.0), name="finger")
+            problem = lf.assemble(made, comm=comm)
+            result = lf.solve(problem, active=["joint"], options=TIGHT)
+            own: list[float] = []
+            for quantity in (None, Resultant("joint")):
+                found = lf.discretisation_error(result, quantity)
+                of_quantity = found.quantity, found.correction, found.bound
+                own += [found.energy, *found.parts.values(), *(n for n in of_quantity if n is not None)]
+            softer = problem.with_laws(values={"lower.E": 120e3})
+            others = (result, lf.solve(softer, active=["joint"], options=TIGHT))
+            for answer, of in ((a, of) for a in others for of in PLACES):
+                for component in PLACES[of]:
+                    probe = lf.AtPoint(problem, "lower", (0.52, 0.41, 0.57), of, component)
+                    own.append(float(answer.quantity(probe).values[0]))
+            for answer in others:
+                most = answer.stress("lower", of="von Mises")
+                own.append(most.function_space.mesh.comm.allreduce(most.x.array.max(), op=MPI.MAX))
+            probe = lf.AtPoint(problem, "lower", (0.52, 0.41, 0.57), "stress", "zz")
+            samples = lf.sweep(
+                problem, {"heat.factor": [1.0, 2.0]}, active=["joint"], options=TIGHT, keep_states=True,
+                progress=False,
+            )  # fmt: skip
+            own += samples.quantity(probe).values.tolist()
+            # another rank has it, or the same one: all know its number
+            upper = lf.AtPoint(problem, "upper", (0.5, 0.5, 1.4), "stress", "zz")
+            both = lf.Measure(lambda f, a=probe, b=upper: a(f) + b(f), "both")
+            own.append(result.mean_std(both).mean)
+            numbers.append(own)
+        for one, other in zip(*numbers, strict=True):
+            same("estimates", one, other)
+    print(f"same estimates on rank {RANK}", flush=True)
+
+
 def random() -> None:
     """Chaos, samples, and a modulus that varies."""
     law = Elastic(normal=LogNormal("k", 1e5, cov=0.2), tangential=4e4)
@@ -217,19 +266,29 @@ def refused() -> None:
             assert text in str(error), error
         else:
             raise AssertionError(text)
+    made = scene(WORLD, law, 1, True, material=lambda u, v: STEEL.bilinear(u, v))
     result = lf.solve(lf.assemble(made, comm=WORLD), active=["joint"])
-    calls = [lambda: lf.discretisation_error(result), lambda: result.stress("lower", of="von Mises")]
-    for call in calls:
+    try:
+        lf.discretisation_error(result)
+    except lf.SceneError as error:
+        assert "is spread over the" in str(error), error
+    else:
+        raise AssertionError("the stress of a form")
+    found = result.errors("joint")
+    assert np.isnan(found.in_all) and found.discretisation is not None, found
+    assert "not known" in found.discretisation.how, found.discretisation
+    for point in ((0.5, 0.5, 1.5), (0.5, -0.1, 0.5)):
         try:
-            call()
+            lf.AtPoint(result.problem, "lower", point)
         except lf.SceneError as error:
-            assert "is spread over the" in str(error), error
+            assert "outside the part" in str(error), error
         else:
-            raise AssertionError("the field of a part that is not all there")
+            raise AssertionError("a point outside")
     print(f"refused on rank {RANK}", flush=True)
 
 
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
-    for each in {"columns": (answers, random), "inside": (inside, loose, refused)}[sys.argv[1]]:
+    calls = {"columns": (answers, random), "inside": (inside, loose, refused), "numbers": (estimates,)}
+    for each in calls[sys.argv[1]]:
         each()

@@ -145,7 +145,11 @@ def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("ranks", "call", "said"),
-    [(2, "inside", ("same inside", "refused")), (3, "columns", ("same part", "same columns"))],
+    [
+        (2, "inside", ("same inside", "refused")),
+        (3, "columns", ("same part", "same columns")),
+        (3, "numbers", ("same estimates",)),
+    ],
 )
 def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int, call: str, said: tuple[str, ...]) -> None:
     holds(ranks, tuple(f"{what} on rank" for what in said), "mpi_spread.py", call)

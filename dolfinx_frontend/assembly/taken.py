@@ -1,0 +1,211 @@
+"""Cells of a mesh that is spread over the ranks, taken out of it: meshes of one rank.
+
+Those along faces, of all ranks, for the one that owns the part; and on every rank its own with the cells
+around them, so that fits over neighbouring cells are those of the whole mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import basix
+import dolfinx.fem as fem
+import numpy as np
+from dolfinx import mesh as dmesh
+
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh
+from dolfinx_frontend.geometry.parts import Part
+
+__all__ = ["Cells", "Surroundings", "cells_along", "joined", "meshed", "numbers_in"]
+
+
+class Cells(NamedTuple):
+    """Some cells of a mesh that is spread over the ranks.
+
+    Geometry nodes and nodes of unknowns by their global numbers, facets as (cell, number in it, tag).
+    """
+
+    cells: Ints
+    nodes: Ints
+    x: Array
+    dofs: Ints
+    places: Ints
+    coordinates: Array
+    facets: Ints
+
+
+def cells_along(part: Any, space: Any, faces: Sequence[str]) -> Cells:
+    """The cells of this rank along some faces."""
+    mesh = part.mesh
+    topology, tdim = mesh.topology, mesh.topology.dim
+    topology.create_connectivity(tdim - 1, tdim)
+    topology.create_connectivity(tdim, tdim - 1)
+    tags = part.facet_tags
+    wanted = [part.names[face] for face in faces]
+    at = np.flatnonzero(np.isin(tags.values, wanted))
+    facets, values = np.asarray(tags.indices)[at], np.asarray(tags.values)[at]
+    to_cell = topology.connectivity(tdim - 1, tdim)
+    cells = to_cell.array[to_cell.offsets[facets]] if len(facets) else np.zeros(0, dtype=np.int32)
+    own = cells < topology.index_map(tdim).size_local  # a facet is told by the rank of its cell
+    facets, values, cells = facets[own], values[own], cells[own]
+    kept, of_kept = np.unique(cells, return_inverse=True)
+    to_facet = topology.connectivity(tdim, tdim - 1)
+    count = len(to_facet.offsets) - 1  # 0 on a rank without cells
+    by_cell = to_facet.array.reshape(count, -1) if count else np.zeros((0, 1), dtype=np.int32)
+    number = np.argmax(by_cell[cells] == facets[:, None], axis=1)
+    return _taken(part, space, kept, np.column_stack([of_kept, number, values]))
+
+
+def _taken(part: Any, space: Any, kept: Ints, facets: Ints) -> Cells:
+    """Some cells of this rank, by their local numbers."""
+    mesh, d = part.mesh, int(part.mesh.geometry.dim)
+    geometry, unknowns = cell_nodes(mesh)[kept], np.asarray(space.dofmap.list)[kept]
+    local_nodes, local_dofs = np.unique(geometry), np.unique(unknowns)
+    global_nodes = mesh.geometry.index_map().local_to_global(local_nodes.astype(np.int32))
+    global_dofs = space.dofmap.index_map.local_to_global(local_dofs.astype(np.int32))
+    return Cells(
+        global_nodes[np.searchsorted(local_nodes, geometry)],
+        global_nodes,
+        np.asarray(mesh.geometry.x)[local_nodes][:, :d],
+        global_dofs[np.searchsorted(local_dofs, unknowns)],
+        global_dofs,
+        space.tabulate_dof_coordinates()[local_dofs][:, :d],
+        facets.astype(np.int64),
+    )
+
+
+def joined(pieces: Sequence[Cells]) -> Cells:
+    """The cells of all ranks; nodes and unknowns are numbered from 0 in the order of their global numbers."""
+    nodes, first = np.unique(np.concatenate([s.nodes for s in pieces]), return_index=True)
+    places, at = np.unique(np.concatenate([s.places for s in pieces]), return_index=True)
+    starts = np.cumsum([0, *(len(s.cells) for s in pieces)])
+    shift = [np.array([start, 0, 0]) for start in starts]
+    cells = [s.cells for s in pieces if len(s.cells)]
+    dofs = [s.dofs for s in pieces if len(s.cells)]
+    return Cells(
+        np.searchsorted(nodes, np.concatenate(cells)),
+        nodes,
+        np.concatenate([s.x for s in pieces])[first],
+        np.searchsorted(places, np.concatenate(dofs)),
+        places,
+        np.concatenate([s.coordinates for s in pieces])[at],
+        np.concatenate([s.facets + move for s, move in zip(pieces, shift, strict=False)]),
+    )
+
+
+def meshed(part: Any, cells: Cells) -> Part:
+    """The cells as a mesh of this rank, with the names of the faces."""
+    mesh = create_mesh(cells.cells, cells.x, str(part.mesh.topology.cell_name()), _order(part))
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim, tdim - 1)
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    to_facet = mesh.topology.connectivity(tdim, tdim - 1)
+    new_cells = np.argsort(np.asarray(mesh.topology.original_cell_index))
+    by_cell = to_facet.array.reshape(-1, len(to_facet.links(0)))
+    facets = by_cell[new_cells[cells.facets[:, 0]], cells.facets[:, 1]]
+    order = np.argsort(facets)
+    values = cells.facets[order, 2].astype(np.int32)
+    return Part(mesh, dmesh.meshtags(mesh, tdim - 1, facets[order], values), dict(part.names))
+
+
+def _order(part: Any) -> int:
+    return int(coordinate_map(part.mesh).degree)
+
+
+def numbers_in(space: Any, cells: Cells) -> Ints:
+    """Node of the space -> node of the cells. The nodes of a cell may come in another order."""
+    mine = space.dofmap.list
+    theirs = cells.dofs[np.asarray(space.mesh.topology.original_cell_index)]
+    x = space.tabulate_dof_coordinates()[:, : cells.x.shape[1]]
+    away = np.linalg.norm(x[mine][:, :, None] - cells.coordinates[theirs][:, None], axis=3)
+    out = np.zeros(len(x), dtype=np.int64)
+    out[mine] = np.take_along_axis(theirs, np.argmin(away, axis=2), axis=1)
+    return out
+
+
+class Surroundings:
+    """The cells of this rank with some layers of those around them, as a mesh of its own; collective.
+
+    Parameters
+    ----------
+    part, space
+        As the scene has it, and displacements on its mesh.
+    layers
+        How many; a cell around has a corner in common.
+
+    Attributes
+    ----------
+    part, space
+        The same of these cells; None where there are none.
+    own
+        (cells,), which are of this rank.
+    """
+
+    def __init__(self, part: Any, space: Any, layers: int) -> None:
+        mesh, comm = part.mesh, part.mesh.comm
+        count = int(mesh.topology.index_map(mesh.topology.dim).size_local)
+        none = np.zeros((0, 3), dtype=np.int64)
+        with agreement(comm):
+            pieces = [_taken(part, space, np.arange(count), none)]
+            edge = _hull(mesh, count)
+        corners = len(np.asarray(basix.geometry(basix.CellType[mesh.topology.cell_name()])))
+        at_corners = pieces[0].cells[:, :corners]
+        sent = np.zeros((comm.size, count), dtype=bool)
+        sent[comm.rank] = True
+        for _ in range(layers):
+            outgoing = []
+            for rank, nodes in enumerate(comm.allgather(edge)):
+                which = np.isin(at_corners, nodes).any(axis=1) & ~sent[rank]
+                sent[rank] |= which
+                outgoing.append(_taken(part, space, np.flatnonzero(which), none) if which.any() else None)
+            taken = [each for each in comm.alltoall(outgoing) if each is not None]
+            edge = np.unique(np.concatenate([edge[:0], *(each.cells[:, :corners].ravel() for each in taken)]))
+            pieces += taken
+        self.part: Part | None = None
+        self.space: Any = None
+        self.own: Flags = np.zeros(0, dtype=bool)
+        places: Ints = np.zeros(0, dtype=np.int64)
+        with agreement(comm):
+            if count:
+                cells = joined(pieces)
+                self.part = meshed(part, cells)
+                made = self.part.mesh
+                degree = int(space.element.basix_element.degree)
+                self.space = fem.functionspace(made, ("Lagrange", degree, (int(space.dofmap.bs),)))
+                self.own = np.asarray(made.topology.original_cell_index) < count  # they came first
+                places = cells.places[numbers_in(self.space, cells)]
+        starts = np.array(comm.allgather(int(space.dofmap.index_map.local_range[0])))
+        # of ranks without nodes the last one has them
+        owner = np.searchsorted(starts, places, side="right") - 1
+        self._of = [np.flatnonzero(owner == rank) for rank in range(comm.size)]
+        self._asked = comm.alltoall([places[of] - start for of, start in zip(self._of, starts, strict=True)])
+        self._comm, self._dim, self._count = comm, int(space.dofmap.bs), len(places)
+
+    def values(self, field: Any) -> Array:
+        """Unknowns (n,) of `space` of a function on the whole mesh; collective."""
+        nodal = np.asarray(field.x.array).reshape(-1, self._dim)
+        out = np.zeros((self._count, self._dim))
+        told = self._comm.alltoall([nodal[asked] for asked in self._asked])
+        for of, values in zip(self._of, told, strict=True):
+            out[of] = values
+        return out.ravel()
+
+
+def _hull(mesh: Any, count: int) -> Ints:
+    """Corners, by their global numbers, on the boundary of the own cells, which those of others may have."""
+    topology = mesh.topology
+    d = topology.dim
+    topology.create_connectivity(d - 1, d)
+    topology.create_connectivity(d, d - 1)
+    topology.create_connectivity(d - 1, 0)
+    links = topology.connectivity(d - 1, d)
+    facet = np.repeat(np.arange(len(links.offsets) - 1), np.diff(links.offsets))
+    own = np.bincount(facet[np.asarray(links.array) < count], minlength=len(links.offsets) - 1)
+    facets = np.flatnonzero(own == 1).astype(np.int32)
+    if not len(facets):
+        return np.zeros(0, dtype=np.int64)
+    nodes = np.unique(dmesh.entities_to_geometry(mesh, d - 1, facets)).astype(np.int32)
+    return np.asarray(mesh.geometry.index_map().local_to_global(nodes), dtype=np.int64)

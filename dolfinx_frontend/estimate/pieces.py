@@ -1,0 +1,130 @@
+"""Parts whose meshes are spread over the ranks, for the estimates: what each rank has of them.
+
+Every rank fits stresses to its own cells and those around them, which gives the fits of one rank with the
+whole mesh; what cells contribute is put together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.spread import Condensed
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.recovery import recovery
+from dolfinx_frontend.estimate.unseen import of_shape
+
+__all__ = ["Piece", "pieces_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """What a rank has of a part that is spread over the ranks.
+
+    Attributes
+    ----------
+    whole
+        The part.
+    part
+        Its own cells with those around them; None: it has none.
+    own
+        (cells,) of `part`, which are its own.
+    points
+        (m, d) of the interfaces of the part.
+    """
+
+    whole: Condensed
+    part: Substructure | None
+    own: Flags
+    points: Array
+
+    def by_cell(self, *functions: Any) -> tuple[float, Array, bool, bool]:
+        """Of functions on the whole mesh: energy of the first one, and what :meth:`Recovery.energies` says of
+        all cells of all ranks, with its `blind` and `unsigned`; collective."""
+        comm, values = self._values(functions)
+        mine = None
+        with agreement(comm), np.errstate(over="ignore", invalid="ignore"):
+            if self.part is not None:
+                made = recovery(self.part)
+                norm = float(made.products(values[0], values[0])[self.own].sum())
+                mine = norm, made.energies(values)[:, :, self.own], made.blind, made.unsigned
+        every = [each for each in comm.allgather(mine) if each is not None]
+        together = np.concatenate([each[1] for each in every], axis=2)
+        return sum(each[0] for each in every), together, every[0][2], every[0][3]
+
+    def of_shape(self, u: Any, z: Any, value: float) -> float:
+        """What its cells on round faces do to a quantity of that value, see :func:`of_shapes`; collective."""
+        comm, (one, other) = self._values((u, z))
+        with agreement(comm):
+            mine = (0.0, 0.0) if self.part is None else of_shape(self.part, one, other, self.points, self.own)
+        every = comm.allgather(mine)
+        layer, longer = sum(each[0] for each in every), max(each[1] for each in every)
+        return float(abs(layer) + longer * abs(value))
+
+    def _values(self, functions: Any) -> tuple[Any, list[Array]]:
+        around = self.whole.surroundings
+        return self.whole.space.mesh.comm, [around.values(each) for each in functions]
+
+
+def pieces_of(problem: Problem) -> Mapping[str, Piece]:
+    """The pieces of all parts that are spread over the ranks; collective.
+
+    Raises
+    ------
+    SceneError
+        A material that has fields or constants on the whole mesh.
+    """
+    found = {}
+    for name, whole in problem.spread.items():
+        kept = vars(whole)  # as cached_property does with what is frozen
+        if "_piece" not in kept:
+            if not _is_plain(whole.material):
+                raise SceneError(
+                    f"the mesh of {name!r} is spread over the ranks, which recover no stress of a material "
+                    "that is a form or has fields: make it on COMM_SELF"
+                )
+            around, summary = whole.surroundings, problem.parts[name]
+            part: Substructure | None = None
+            if around.part is not None:
+                count = around.space.dofmap.index_map.size_local * whole.dim
+                part = Substructure(
+                    name=name,
+                    part=around.part,
+                    space=around.space,
+                    stiffness=None,
+                    load=np.zeros(count),
+                    rigid_modes=np.zeros((count, 0)),
+                    modulus=summary.modulus,
+                    length=summary.length,
+                    volume=summary.volume,
+                    centre=summary.centre,
+                    dof_coordinates=around.space.tabulate_dof_coordinates()[:, : whole.dim],
+                    material=whole.material,
+                )
+            faces = [
+                each.points
+                for each in problem.interfaces.values()
+                if any(side.substructure == name for side in each.sides)
+            ]
+            points = np.concatenate([np.zeros((0, whole.dim)), *faces])
+            kept["_piece"] = Piece(whole, part, around.own, points)
+        found[name] = kept["_piece"]
+    return found
+
+
+def _is_plain(material: Any) -> bool:
+    """Whether a material consists of numbers, which are the same on every mesh."""
+    if material is None or isinstance(material, (bool, int, float, str, np.ndarray, np.generic)):
+        return True
+    if isinstance(material, (tuple, list)):
+        return all(map(_is_plain, material))
+    if not is_dataclass(material) or isinstance(material, type):
+        return False
+    return all(_is_plain(getattr(material, each.name)) for each in fields(material))
