@@ -484,7 +484,8 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
     """The error of the meshes, where it can be estimated."""
     try:
         # of a function there is no dual problem: the energy has to do
-        found = discretisation_error(result, None if with_dual(result.problem, quantity) is None else quantity)
+        weighted = with_dual(result.problem, quantity) is not None
+        found = discretisation_error(result, quantity if weighted else None)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         if not result.problem.spread:

@@ -447,9 +447,9 @@ class Judged:
         return {side.substructure for each in curved for side in each.sides}
 
     def to_cut(self) -> set[str]:
-        """Parts that get smaller cells and no higher degree, which leaves the points of interfaces as they are:
-        those that are read, until their cells were cut once if there is an estimate; and beside laws that are
-        not linear."""
+        """Parts that get smaller cells and no higher degree, which leaves the points of interfaces as they
+        are: those that are read, until their cells were cut once if there is an estimate; and beside laws
+        that are not linear."""
         curved = self._beside_curved() if self.read else set()
         return curved.union(() if self.weighted and self.cut and not curved else self.read)
 
@@ -502,7 +502,7 @@ class Judged:
         raised = [self.raised.get(k + 1, 0.0) > MOST_RAISED for k in range(len(falls))]
         most = np.where(raised, AT_DEGREE, SLOWEST)
         falls = np.clip(falls, least, most)
-        if self.read and self._beside_curved():  # what happens between points of an interface is in no estimate
+        if self.read and self._beside_curved():  # between the points of an interface nothing is estimated
             falls = np.maximum(falls, HALVED)
         if self.edges:
             falls = np.maximum(falls, self._fastest())
@@ -532,8 +532,8 @@ class Judged:
         self.in_whole_numbers = all(each == value and float(each).is_integer() for each in values)
         if self.in_whole_numbers:
             self.notes.append(
-                f"the value {value:g} does not change with the meshes, and a whole number need not: their error "
-                "is not known; ask for the number that it depends on"
+                f"the value {value:g} does not change with the meshes, and a whole number need not: their "
+                "error is not known; ask for the number that it depends on"
             )
             self.given_up = True
             return np.nan

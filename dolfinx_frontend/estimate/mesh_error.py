@@ -204,8 +204,8 @@ def discretisation_error(
     number = with_dual(problem, wanted)
     if wanted is not None and number is None:
         raise SceneError(
-            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint on one rank, or "
-            "None for the energy"
+            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint on one rank, "
+            "or None for the energy"
         )
     problem.check_alike("discretisation_error", quantity=wanted, step=step)
     at = number if isinstance(number, AtPoint) else None
@@ -565,7 +565,7 @@ class _Dual:
         load[unknowns] = slopes
         unit = _largest(result.problem, fields) or part.length
         # forces of 1, or slopes of a stress, modulus / length
-        unit *= part.length ** (part.dim - 1) if at.of == "stress" else part.modulus * part.length ** (part.dim - 2)
+        unit *= part.length ** (part.dim - 1) * (1.0 if at.of == "stress" else part.modulus / part.length)
         return cls(result, {part.name: load}, {}, {}, unit, _column(result, step))
 
     @property

@@ -26,7 +26,17 @@ from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
-__all__ = ["RESOLVED", "SEEN", "acted", "contact_edges", "loading", "parts_read", "places_of", "soft_springs", "values_of"]
+__all__ = [
+    "RESOLVED",
+    "SEEN",
+    "acted",
+    "contact_edges",
+    "loading",
+    "parts_read",
+    "places_of",
+    "soft_springs",
+    "values_of",
+]
 
 COARSER = 1.5
 """Facets of the side with the points, relative to those of the other side, at most."""
@@ -119,8 +129,8 @@ def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]
 
 
 def parts_read(result: Result, quantity: Wanted) -> set[str]:
-    """Parts that a number is read from, or on which an interface lies that it is read from; over several ranks,
-    or where a function reads no field, all parts."""
+    """Parts that a number is read from, or on which an interface lies that it is read from; over several
+    ranks, or where a function reads no field, all parts."""
     problem = result.problem
     inner = quantity.inner if isinstance(quantity, Quantile) else quantity
     found: set[str] = set()
