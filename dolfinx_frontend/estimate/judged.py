@@ -195,7 +195,7 @@ class Judged:
         self, problem: Problem, changed: dict[str, str], method: Method, options: Options, **settings: Any
     ) -> None:
         """Solve on the present meshes, and measure."""
-        old, self.meshes = self.meshes, cells_of(problem)
+        earlier, self.meshes = self.meshes, cells_of(problem)
         self.problem = problem
         result = self._at(problem, self.result, method, options, settings)
         if not self.steps and self._acts_far_from_the_means(result, method, options, settings):
@@ -222,7 +222,9 @@ class Judged:
         of_quantity = found.quantity is not None
         self.weighted = of_quantity or self.quantity is None
         self.read = self._reads(result)
-        cut = all(name in old and len(self.meshes[name].sizes) > len(old[name].sizes) for name in self.read)
+        cut = all(
+            name in earlier and len(self.meshes[name].sizes) > len(earlier[name].sizes) for name in self.read
+        )
         self.cut = cut or (self.cut and self.weighted)
         if of_quantity:
             size = self._size(value)
@@ -529,7 +531,7 @@ class Judged:
         if not self.steps:
             return np.nan
         values = [step.value for step in self.steps]
-        self.in_whole_numbers = all(each == value and float(each).is_integer() for each in values)
+        self.in_whole_numbers = value is not None and value.is_integer() and set(values) == {value}
         if self.in_whole_numbers:
             self.notes.append(
                 f"the value {value:g} does not change with the meshes, and a whole number need not: their "
