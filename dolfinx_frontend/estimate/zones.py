@@ -19,6 +19,7 @@ from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.errors import Place
 from dolfinx_frontend.results.probes import AtPoint
+from dolfinx_frontend.results.readings import column_of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Quantile, Resultant, Wanted
 from dolfinx_frontend.scene.laws import Elimination
@@ -161,6 +162,8 @@ def parts_read(result: Result, quantity: Wanted) -> set[str]:
         _displacement=told(block._displacement, found.add),
     )
     function = inner.function
+    if isinstance(function, str):
+        function = column_of(result, function)
     (function.on(problem) if isinstance(function, AtPoint) else function)(shown)
     return found or set(problem.parts)
 

@@ -43,8 +43,8 @@ void DenseLU::factorise(Matrix matrix) {
              });
   }
   // rows of L are exchanged as later panels say
-  in_lanes(static_cast<std::size_t>((size + panel_width - 1) / panel_width), static_cast<double>(size * size),
-           [&](std::size_t piece) {
+  in_lanes(static_cast<std::size_t>((size + panel_width - 1) / panel_width),
+           static_cast<double>(size * size), [&](std::size_t piece) {
              const Index column = panel_width * static_cast<Index>(piece);
              for (Index panel = column + panel_width; panel < size; panel += panel_width) {
                exchange(panel, column, std::min(panel_width, size - column));
@@ -75,7 +75,9 @@ void DenseLU::update(Index panel, Index column, Index columns) {
   exchange(panel, column, columns);
   const Index below = factors_.rows() - panel - panel_width;
   auto top = factors_.block(panel, column, panel_width, columns);
-  factors_.block(panel, panel, panel_width, panel_width).triangularView<Eigen::UnitLower>().solveInPlace(top);
+  factors_.block(panel, panel, panel_width, panel_width)
+      .triangularView<Eigen::UnitLower>()
+      .solveInPlace(top);
   factors_.block(panel + panel_width, column, below, columns).noalias() -=
       factors_.block(panel + panel_width, panel, below, panel_width) * top;
 }

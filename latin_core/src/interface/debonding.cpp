@@ -115,8 +115,8 @@ void Debonding::resolve(PointValues jump, PointValues flexibility, const std::ar
   for (std::size_t a = 1; sheared && a < jump.size(); ++a) {
     slide += ratio * jump[a] * jump[a];
   }
-  const DebondingTrial trial{{pull * pull, slide},
-                    {flexibility[0] * normal, sheared ? flexibility[1] * tangential : 0.0}};
+  const DebondingTrial trial{
+      {pull * pull, slide}, {flexibility[0] * normal, sheared ? flexibility[1] * tangential : 0.0}};
   double reached = std::max(largest[0], law.first);
   double share = law.intact(largest[0]);
   if (trial.opened(share) > reached) {

@@ -29,7 +29,8 @@ std::optional<Status> StoppingRule::judge(const Iteration& iterate, bool interru
   if (iterate.number >= options_.max_iterations) {
     return Status::max_iterations;
   }
-  if (iterate.residual < share_of_progress * residual_then_ || iterate.error < share_of_progress * error_then_) {
+  if (iterate.residual < share_of_progress * residual_then_ ||
+      iterate.error < share_of_progress * error_then_) {
     last_progress_ = iterate.number;
     residual_then_ = std::min(iterate.residual, residual_then_);
     error_then_ = std::min(iterate.error, error_then_);

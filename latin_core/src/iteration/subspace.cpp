@@ -63,7 +63,8 @@ bool Subspace::improve(Index column, const Memory& before, State& state, double 
   Point point = at(column, before, std::move(state));
   const Index end = stages_ + most;
   for (;;) {
-    for (Index count = 0; count < most_subspace_steps && size_ > 0 && point.norm > tolerance; ++count) {
+    for (Index count = 0; count < most_subspace_steps && size_ > 0 && point.norm > tolerance;
+         ++count) {
       if (!step(column, before, point)) {
         break;
       }
@@ -209,7 +210,8 @@ NewtonOutcome Subspace::solve_all(State& state, const Matrix& amplitudes, double
         start = norm;
       }
     }
-    const double wanted = std::max(std::min(tolerance * scale, better_residual * start), rounding_of_residuals * scale);
+    const double wanted = std::max(std::min(tolerance * scale, better_residual * start),
+                                   rounding_of_residuals * scale);
     const bool solved = improve(column, memory, own, wanted, most_stages);
     own = under_loads(column, own.data);
     state.data.col(column) = own.data;

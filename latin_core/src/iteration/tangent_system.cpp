@@ -34,7 +34,8 @@ Vector TangentSystem::moved(ConstVectorRef y, ConstVectorRef a) const {
   Vector result = shift_.cwiseProduct(y);
   const Matrix& matrix = flexibility_.matrix();
   in_pieces(result.size(), rows_of_piece, y.size(), [&](Index first, Index count) {
-    result.segment(first, count).noalias() -= factor_with_mu * (matrix.middleRows(first, count) * y);
+    result.segment(first, count).noalias() -=
+        factor_with_mu * (matrix.middleRows(first, count) * y);
   });
   if (a.size() > 0) {
     result.noalias() -= modal * (flexibility_.modal_jumps() * a);

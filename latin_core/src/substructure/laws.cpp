@@ -23,9 +23,9 @@ void check_shape(const ActiveInterface& interface, const interface::Law& law,
     const Index given = change.values.rows();
     if (given != expected && !(given == 1 && per_point)) {
       refuse_interface(interface.name(),
-             "parameter '" + change.parameter + "' has " + std::to_string(given) +
-                 " rows, expected " + std::to_string(expected) +
-                 (per_point ? " (one a point) or 1" : " (one a point and component)"));
+                       "parameter '" + change.parameter + "' has " + std::to_string(given) +
+                           " rows, expected " + std::to_string(expected) +
+                           (per_point ? " (one a point) or 1" : " (one a point and component)"));
     }
   }
 }
@@ -130,13 +130,14 @@ void check_fields(const ActiveInterface& interface, const interface::Law& law, I
     if (values.rows() != 1 &&
         values.rows() != rows) {  // of a transform; others are checked when they are set
       refuse_interface(interface.name(), "parameter '" + info.name + "' has " +
-                                   std::to_string(values.rows()) + " rows, expected " +
-                                   std::to_string(rows) + " or 1");
+                                             std::to_string(values.rows()) + " rows, expected " +
+                                             std::to_string(rows) + " or 1");
     }
     if (values.cols() != 1 && values.cols() != columns) {
       refuse_interface(interface.name(), "parameter '" + info.name + "' has " +
-                                   std::to_string(values.cols()) + " columns where the law sees " +
-                                   std::to_string(columns) + ": give that many or one");
+                                             std::to_string(values.cols()) +
+                                             " columns where the law sees " +
+                                             std::to_string(columns) + ": give that many or one");
     }
   }
 }
@@ -189,7 +190,8 @@ Laws Laws::with(std::map<std::size_t, ActiveLaw> changed) const {
 const Matrix& Laws::parameter(const std::string& interface, const std::string& parameter) const {
   const interface::Law& law = *of(structure_->find_interface(interface)).law;
   if (std::ranges::count(law.parameters(), parameter, &interface::Law::ParameterInfo::name) == 0) {
-    refuse_interface(interface, "its law '" + law.name() + "' has no parameter '" + parameter + "'");
+    refuse_interface(interface,
+                     "its law '" + law.name() + "' has no parameter '" + parameter + "'");
   }
   return law.get(parameter).values();
 }
@@ -336,9 +338,10 @@ void Laws::check_columns(Index columns) const {
       const LawColumns& group = (*active.groups)[g];
       if (!group.transforms.empty() &&
           group.transforms.front().forward.rows() * steps_ != columns) {
-        refuse_interface(interface.name(), "column transforms of " +
-                                     std::to_string(group.transforms.front().forward.rows()) +
-                                     " modes do not fit " + std::to_string(columns / steps_));
+        refuse_interface(interface.name(),
+                         "column transforms of " +
+                             std::to_string(group.transforms.front().forward.rows()) +
+                             " modes do not fit " + std::to_string(columns / steps_));
       }
       check_fields(interface, *active.group_laws[g], group.samples(columns, steps_));
     }
@@ -371,9 +374,10 @@ ActiveLaw Laws::with_parameters(std::size_t i,
       refuse_interface(interface.name(), error.what());
     }
     if (of(i).gives(change->parameter)) {
-      refuse_interface(interface.name(), "parameter '" + change->parameter +
-                                   "' is given by the transforms of its columns: set those anew, "
-                                   "or take them away first");
+      refuse_interface(interface.name(),
+                       "parameter '" + change->parameter +
+                           "' is given by the transforms of its columns: set those anew, "
+                           "or take them away first");
     }
   }
   return with_law(i, std::move(law));
@@ -632,7 +636,7 @@ Laws Laws::repeated(Index sets) const {
     const interface::Law& own = *of(i).law;
     if (of(i).transformed()) {
       refuse_interface(structure_->interface(i).name(),
-             "parameter sets are not solved side by side where columns are transformed");
+                       "parameter sets are not solved side by side where columns are transformed");
     }
     std::shared_ptr<interface::Law> law;
     for (const auto& info : own.parameters()) {

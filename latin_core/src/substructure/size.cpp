@@ -118,7 +118,9 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       const auto own = [&](const Matrix& sizes) {
         return std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
       };
-      const auto still_part = [&](const Matrix& sizes) { return square(still_motion) * sizes(g - 1, b); };
+      const auto still_part = [&](const Matrix& sizes) {
+        return square(still_motion) * sizes(g - 1, b);
+      };
       // an iterate may not yet have the fluctuation that the answer has
       const auto is_none = [&](const Matrix& sizes, double wrong) {
         return g % kinds > 0 && std::max(own(sizes), wrong) < still_part(sizes);

@@ -24,16 +24,17 @@ constexpr double operations_of_numbers = 1.4;
 
 void check_side(const InterfaceDescription& interface, const SideDescription& side) {
   if (side.direction.size() != interface.frames.rows()) {
-    refuse_interface(interface.name, "search direction has " + std::to_string(side.direction.size()) +
-                               " values for " + std::to_string(interface.frames.rows()) + " rows");
+    refuse_interface(interface.name, "search direction has " +
+                                         std::to_string(side.direction.size()) + " values for " +
+                                         std::to_string(interface.frames.rows()) + " rows");
   }
   if (!(side.scale > 0.0) || !std::isfinite(side.scale)) {
-    refuse_interface(interface.name,
-           "scale is " + std::to_string(side.scale) + ": give modulus / length of the part, > 0");
+    refuse_interface(interface.name, "scale is " + std::to_string(side.scale) +
+                                         ": give modulus / length of the part, > 0");
   }
   if (!(side.direction.array() > 0.0).all() || !side.direction.allFinite()) {
     refuse_interface(interface.name, "search direction must be positive and finite (got " +
-                               std::to_string(side.direction.minCoeff()) + ")");
+                                         std::to_string(side.direction.minCoeff()) + ")");
   }
 }
 
@@ -46,9 +47,9 @@ void check_frames(const InterfaceDescription& interface) {
     const Matrix products = frame * frame.transpose();
     if (!products.isIdentity(rounded)) {
       refuse_interface(interface.name,
-             "the frame of point " + std::to_string(point) +
-                 " has rows that are no unit vectors at right angles: give the normal "
-                 "out of side 1, then tangents");
+                       "the frame of point " + std::to_string(point) +
+                           " has rows that are no unit vectors at right angles: give the normal "
+                           "out of side 1, then tangents");
     }
   }
 }
@@ -56,7 +57,7 @@ void check_frames(const InterfaceDescription& interface) {
 void check_interface(const InterfaceDescription& interface, const auto& is_here) {
   if (interface.sides.empty() || interface.sides.size() > 2) {
     refuse_interface(interface.name,
-           std::to_string(interface.sides.size()) + " sides: give one (boundary) or two");
+                     std::to_string(interface.sides.size()) + " sides: give one (boundary) or two");
   }
   if (interface.weights.size() == 0 || !(interface.weights.array() > 0.0).all() ||
       !interface.weights.allFinite()) {
@@ -65,15 +66,15 @@ void check_interface(const InterfaceDescription& interface, const auto& is_here)
   if (interface.frames.rows() % interface.weights.size() != 0 || interface.frames.size() == 0 ||
       !interface.frames.allFinite()) {
     refuse_interface(interface.name, std::to_string(interface.frames.rows()) + " frame rows for " +
-                               std::to_string(interface.weights.size()) +
-                               " points: give the components of every point, finite");
+                                         std::to_string(interface.weights.size()) +
+                                         " points: give the components of every point, finite");
   }
   check_frames(interface);
   if (interface.basis.size() > 0 &&
       (interface.basis.rows() != interface.frames.rows() || !interface.basis.allFinite())) {
     refuse_interface(interface.name, "a coarse basis of " + std::to_string(interface.basis.rows()) +
-                               " rows, expected " + std::to_string(interface.frames.rows()) +
-                               ", finite");
+                                         " rows, expected " +
+                                         std::to_string(interface.frames.rows()) + ", finite");
   }
   for (const SideDescription& side : interface.sides) {
     if (is_here(side)) {
@@ -188,7 +189,8 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
     sides.owner[place.body].emplace_back(interfaces_.size(), s);
   }
   if (description.paired && !entry.geometry.law->linear()) {
-    refuse_interface(name, "law '" + entry.geometry.law->name() + "' is nonlinear and cannot be paired");
+    refuse_interface(name,
+                     "law '" + entry.geometry.law->name() + "' is nonlinear and cannot be paired");
   }
   entry.basis = std::move(description.basis);
   entry.paired = description.paired;
@@ -265,7 +267,7 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
         }
         if (own.rows() != (own.cols() > 0 ? interface.size() : 0) || own.cols() != all.cols()) {
           refuse_interface(interface.name(),
-                 "motions of the body do not fit: give as many on each of its sides");
+                           "motions of the body do not fit: give as many on each of its sides");
         }
         if (own.cols() > 0) {
           all.middleRows(interface.rows[s] - body_rows_[b], own.rows()) = own;

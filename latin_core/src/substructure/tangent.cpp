@@ -328,7 +328,8 @@ Matrix Tangent::solve(const Matrix& load) {
 
 void Tangent::factorise(const Matrix& slopes, double hold) {
   if (hold == hold_ && slopes_.size() == slopes.size() &&
-      ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <= same_slope) {
+      ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <=
+          same_slope) {
     return;
   }
   hold_with(hold);
@@ -604,7 +605,8 @@ Matrix Tangent::correct_each(const std::vector<Matrix>& slopes, const Matrix& ba
     size = left.cwiseProduct(preconditioned).colwise().sum();
   }
   Matrix direction = preconditioned;
-  for (Index count = 0; count < most_search_gradients && (size.array() > enough.array()).any(); ++count) {
+  for (Index count = 0; count < most_search_gradients && (size.array() > enough.array()).any();
+       ++count) {
     multiply(direction, forces);
     const Eigen::RowVectorXd work = direction.cwiseProduct(forces).colwise().sum();
     const Eigen::RowVectorXd share = (work.array() > 0.0).select(size.cwiseQuotient(work), 0.0);
