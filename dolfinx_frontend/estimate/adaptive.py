@@ -597,6 +597,10 @@ class _Search:
         if isinstance(quantity, Quantile):
             return
         value = self.result.mean_std(quantity)
+        size = size_of(value, quantity)
+        least = min(size, whole_of(value, self.rtol, quantity) or size)
+        if not float(np.max(np.abs(seen.values - value.mean))) > 0.1 * self.target * least:
+            return  # rounding beside what matters
         self.tails = heavy_tails(self.result, quantity, seen, value, self.target, complete)
         note = note_of(self.tails, quantity, self.result.space.germ_names)
         self.notes += (note,) if note else ()

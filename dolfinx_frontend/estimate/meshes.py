@@ -160,6 +160,7 @@ class _Meshes(Judged):
 
     def _answer(self, method: Method, settings: Mapping[str, Any]) -> Result | SampleResult:
         options = self._adapt(method, **settings)
+        self._not_confirmed()
         problem = self.problem
         assert self.result is not None and problem is not None
         if not RandomLaws.of(problem).every:

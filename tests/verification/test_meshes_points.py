@@ -142,5 +142,5 @@ def test_budgets_that_the_first_meshes_exceed() -> None:
 def test_what_a_scene_refuses() -> None:
     with pytest.raises(SceneError, match="meshes = 'no'"):
         solve(tubes(), accuracy=1e-2, quantity="fit", meshes="no")  # type: ignore[call-overload]
-    with pytest.raises(SceneError, match="a quantity goes with an accuracy"):
+    with pytest.raises(SceneError, match="how accurate the answer is to be"):
         solve(tubes(), quantity="fit")  # type: ignore[call-overload]
