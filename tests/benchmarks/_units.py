@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import resource
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from time import process_time
 from typing import Any
 
@@ -18,6 +19,18 @@ from dolfinx_frontend import LinearElastic, Problem, Scene, assemble, geometry, 
 from dolfinx_frontend.reference.multigrid import Aggregation
 
 SOLVERS = ("cholmod", "mumps", "gamg")
+
+
+def parser(name: str, description: str | None, rtol: float, runs: Sequence[str]) -> argparse.ArgumentParser:
+    """Options of a benchmark that runs the SOLVERS and `runs` of its own, each by ``--one``."""
+    made = common.parser(name, description)
+    made.add_argument("--unknowns", type=float, default=100_000, help="about so many")
+    made.add_argument("--memory", type=float, default=14.0, help="GB that a direct solver may need")
+    made.add_argument("--rtol", type=float, default=rtol, help="tolerance of the iteration")
+    made.add_argument("--only", nargs="*", default=[*SOLVERS, *runs], help="what is run")
+    made.add_argument("--one", metavar="METHOD", help="in this process, with --size")
+    made.add_argument("--size", type=float, help="of the cells, mm, instead of --unknowns")
+    return made
 
 
 def solution(fixed: Problem, method: str) -> Callable[[], Any]:

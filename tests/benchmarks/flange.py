@@ -28,7 +28,7 @@ from typing import Any
 
 import common
 import numpy as np
-from _units import SOLVERS, of_unit, one_each, solution, spent
+from _units import SOLVERS, of_unit, one_each, parser, solution, spent
 from scipy.optimize import brentq
 
 from dolfinx_frontend import (
@@ -112,16 +112,10 @@ def one(method: str, size: float, options: Options, exact_up_to: float) -> dict[
 
 def main() -> None:
     """Measure, print and write."""
-    parser = common.parser("flange", __doc__)
-    parser.add_argument("--unknowns", type=float, default=100_000, help="about so many")
-    parser.add_argument("--memory", type=float, default=14.0, help="GB that a direct solver may need")
-    parser.add_argument("--rtol", type=float, default=RTOL, help="tolerance of the iteration")
-    parser.add_argument("--newton", type=int, default=1, help="0: without Newton's steps")
-    parser.add_argument("--exact", type=float, default=150_000, help="unknowns up to which errors are known")
-    parser.add_argument("--only", nargs="*", default=[*SOLVERS, "latin"], help="what is run")
-    parser.add_argument("--one", metavar="METHOD", help="in this process, with --size")
-    parser.add_argument("--size", type=float, help="of the cells of the flanges, mm, instead of --unknowns")
-    given = parser.parse_args()
+    wanted = parser("flange", __doc__, RTOL, ["latin"])
+    wanted.add_argument("--newton", type=int, default=1, help="0: without Newton's steps")
+    wanted.add_argument("--exact", type=float, default=150_000, help="unknowns up to which errors are known")
+    given = wanted.parse_args()
     if given.one:
         options = Options(rtol=given.rtol, max_iterations=1000, newton=given.newton)
         print(json.dumps(one(given.one, given.size, options, given.exact), default=float))

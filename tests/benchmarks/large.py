@@ -26,7 +26,7 @@ from typing import Any
 import common
 import numpy as np
 import performance
-from _units import SOLVERS, of_unit, one_each, solution, spent
+from _units import SOLVERS, of_unit, one_each, parser, solution, spent
 from performance import deterministic, vessel_problem
 
 from dolfinx_frontend import Chaos, Options, reference, solve, sweep
@@ -95,15 +95,9 @@ def one(method: str, size: float, rtol: float, backend: str) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print and write."""
-    parser = common.parser("large", __doc__)
-    parser.add_argument("--unknowns", type=float, default=100_000, help="about so many")
-    parser.add_argument("--memory", type=float, default=14.0, help="GB that a direct solver may need")
-    parser.add_argument("--rtol", type=float, default=RTOL, help="tolerance of the chaos")
-    parser.add_argument("--backend", default="automatic", help="of chaos and sweep")
-    parser.add_argument("--only", nargs="*", default=[*SOLVERS, "pce", "sweep"], help="what is run")
-    parser.add_argument("--one", metavar="METHOD", help="in this process, with --size")
-    parser.add_argument("--size", type=float, help="of the cells, mm")
-    options = parser.parse_args()
+    wanted = parser("large", __doc__, RTOL, ["pce", "sweep"])
+    wanted.add_argument("--backend", default="automatic", help="of chaos and sweep")
+    options = wanted.parse_args()
     if options.one:
         print(json.dumps(one(options.one, options.size, options.rtol, options.backend)))
         return
