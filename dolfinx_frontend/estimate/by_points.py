@@ -9,6 +9,7 @@ from math import isfinite, log2
 from typing import Any, NamedTuple
 
 import numpy as np
+
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.estimate.errors import (
@@ -67,7 +68,6 @@ MOST_HALVINGS = 16
 
 ENOUGH_FOR_ZERO = 1024
 """Samples after which a mean that cannot be told from 0 is given up."""
-
 
 BROKEN_OFF = 1.0 / 6.0
 """A polynomial of a piece of a germ is off by a sixteenth when the piece is halved, at a kink by a half:
@@ -172,6 +172,7 @@ def by_panels(
     if tails:
         samples = solved(result, more_points, more_weights, rtol, quantity)
         complete(samples)
+        every.append(samples)
         far = quantity.at_end(samples, samples)
         beyond = np.array([float(more_weights @ far**k) for k in range(3)])
         of_beyond = np.sum([[tail.weight, *tail.off()] for tail in tails], axis=0)
@@ -217,29 +218,24 @@ def by_panels(
         of_tails = relative(of_beyond)
         if value.mean == 0.0 and not value.std and np.isfinite(of_mean):
             return None  # nothing happens at any point
-        z, weights = panel_points([(leaf.lower, leaf.upper) for leaf in leaves])
+        _, weights = panel_points([(leaf.lower, leaf.upper) for leaf in leaves])
         how = f"the change by the last halving of {len(leaves)} pieces of the germ"
-        truncation = ErrorShare(np.nan, of_mean, of_std, how)
-        rule = np.zeros(len(every[0].germs))
-        for leaf, own in zip(leaves, weights / weights.sum(), strict=True):
+        if tails:
+            how += " and what is beyond them, of which its last point tells"
+        truncation = ErrorShare(np.nan, of_mean + of_tails[0], of_std + of_tails[1], how)
+        rule = np.zeros(len(every[0].germs))  # none of pieces that were halved
+        rule[: len(tails)] = more_weights
+        for leaf, own in zip(leaves, weights, strict=True):
             at = first[leaf.lower, leaf.upper]
             rule[at : at + POINTS] = own
-        solved_points = replace(every[0], weights=rule)
-        if not tails:
-            keep(solved_points, so_far(solved_points, truncation, quantity, value, whole))
+        samples = replace(every[0], weights=rule / rule.sum())
+        keep(samples, so_far(samples, truncation, quantity, value, whole))
         if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
-            points = np.concatenate([space.from_normal(z.reshape(-1, 1)), more_points])
-            weights = np.concatenate([weights.ravel(), more_weights])
-            samples = solved(result, points, weights, rtol, quantity)
-            complete(samples)
             values = quantity.at_end(samples, samples)
             value = samples.mean_std(quantity)
             away = checked_cold(result, samples, quantity, values, tails=bool(tails))
             if not away <= 0.3 * target * min(size_of(value, quantity), whole):
                 return None
-            if tails:
-                how += " and what is beyond them, of which its last point tells"
-            truncation = ErrorShare(np.nan, of_mean + of_tails[0], of_std + of_tails[1], how)
             made = of_solved_again(samples, away, truncation, quantity, value, whole)
             seconds = 2.0 * sum(samples.seconds.values())
             return samples, replace(made, next_halving=f"half the pieces, about {seconds:.2g} s")

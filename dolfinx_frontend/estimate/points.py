@@ -523,6 +523,7 @@ def checked_cold(
     if tails and weight.sum() > 0.0:
         scale = np.maximum(np.abs(values - weights @ values) / np.sqrt(weight.sum()), 1.0)
     ranked = np.argsort(-weight, kind="stable")
+    ranked = ranked[weights[ranked] != 0.0]  # of pieces that were halved nothing counts
     if apart is not None:
         outside = np.argsort(-np.abs(apart), kind="stable")[:CHECKED]
         first = np.concatenate([ranked[: CHECKED // 2], outside, ranked])
