@@ -349,8 +349,8 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
                 sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))
                 more = made.missed(sizes)
                 apart = UNSIGNED * sizes.sum() if made.unsigned else 0.0
-                of_mode, with_dual = by_cell[0, 0], by_cell[0, 1]
-                row += more * of_mode.sum(), more * with_dual.sum(), np.sum(with_dual**2), apart
+                of_mode, weighted = by_cell[0, 0], by_cell[0, 1]
+                row += more * of_mode.sum(), more * weighted.sum(), np.sum(weighted**2), apart
                 own = own + by_cell[0, 0]
             of_dual = by_cell[1, 1]
             found[name] = sums, more * float(of_dual.sum()), np.sqrt(np.maximum(own * of_dual, 0.0))

@@ -144,6 +144,7 @@ class Block:
     weights: Array | None = None
     _force: Callable[[str], Array] | None = None
     _load: Callable[[str, str], Array] | None = None
+    _parts: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         locked(self)
@@ -174,6 +175,10 @@ class Block:
     def displacement(self, part: str, unknowns: Ints | None = None) -> Array:
         """Unknowns (n, [T,] unknowns) of a part, length; of some of them only if their numbers are given."""
         return self._displacement(part, unknowns)
+
+    def space(self, part: str) -> Any:
+        """The function space that the unknowns of a part of this rank are of; None: it is not known."""
+        return None if self._parts is None or part not in self._parts else self._parts[part].space
 
     def load(self, load: str, parameter: str) -> Array:
         """What a shape of a load of a part is multiplied with, (n, [T])."""

@@ -536,7 +536,8 @@ class ChaosResult(Result, StochasticResult):
 
         number = partial(self.random.load_values, points=points)
         load = partial(load_factors, self.problem, self.times, of=number)
-        return Block(len(points), both, displacement, contact, points, _force=force, _load=load)
+        parts = self.problem.substructures
+        return Block(len(points), both, displacement, contact, points, None, force, load, parts)
 
     def _parameters_at(self, name: str, points: Array, fields: Fields) -> dict[str, Array]:
         return sampled_parameters(self.random, name, points, fields, self.plan.steps)

@@ -114,7 +114,7 @@ class OnePoint(Face):
     def _one(self) -> Block:
         one = self._block()
         # no sample any more
-        return Block(1, one._both, one._displacement, one._contact, _load=one._load)
+        return Block(1, one._both, one._displacement, one._contact, _load=one._load, _parts=one._parts)
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
         """The point as one sample."""

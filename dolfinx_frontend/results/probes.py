@@ -215,7 +215,13 @@ class AtPoint:
     def _components(self, block: Block) -> tuple[Array, Array]:
         """What the number is made of in the samples of a block (n, components), and what the stiffness is
         multiplied with there, (n, 1)."""
-        rows = self._rows
+        rows, there = self._rows, block.space(self.part)
+        here = self.problem.substructures.get(self.part)
+        if not (here is None or here.part is None or there is None or there is here.space):
+            raise SceneError(
+                f"{self} was made for other meshes than those that it is read from: give it as the quantity "
+                "itself, which finds the point again, or read displacements in the function"
+            )
         u = block.displacement(self.part, rows.unknowns)
         steps = u.ndim == 3
         u = u[:, self.step] if steps else u

@@ -214,7 +214,7 @@ class Result(Value, Face):
         contact = partial(law_contact, self.problem, self.plan)
         number = partial(mean_number, self.problem)
         load = partial(load_factors, self.problem, self.times, of=number)
-        yield Block(1, both, self._as_sample, contact, _load=load)
+        yield Block(1, both, self._as_sample, contact, _load=load, _parts=self.problem.substructures)
 
     def _as_sample(self, part: str, unknowns: Ints | None) -> Array:
         u = self.unknowns(part)[None]

@@ -164,7 +164,8 @@ class PointResults(Face):
 
         count = len(range(*part.indices(len(self.points.status))))
         load = partial(load_factors, self.problem, self.times, of=partial(self._load_at, part=part))
-        return Block(count, both, displacement, lambda name: self._contact_at(name, part), _load=load)
+        contact, parts = partial(self._contact_at, part=part), self.problem.substructures
+        return Block(count, both, displacement, contact, _load=load, _parts=parts)
 
     def _displacements(self, part: slice) -> Callable[[str, Ints | None], Array]:
         """Part and some of its unknowns -> these (n, [T,] unknowns) at some of the points."""

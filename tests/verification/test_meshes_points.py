@@ -144,3 +144,13 @@ def test_what_a_scene_refuses() -> None:
         solve(tubes(), accuracy=1e-2, quantity="fit", meshes="no")  # type: ignore[call-overload]
     with pytest.raises(SceneError, match="how accurate the answer is to be"):
         solve(tubes(), quantity="fit")  # type: ignore[call-overload]
+
+
+def test_a_point_of_other_meshes_inside_a_function() -> None:
+    at = AtPoint(assemble(tubes()), "inner", (60.0, 10.0), "displacement", "x")
+
+    def doubled(fields):
+        return 2.0 * at(fields)
+
+    with pytest.raises(SceneError, match="was made for other meshes"):
+        solve(tubes(), accuracy=1e-2, quantity=doubled, progress=False)
