@@ -35,7 +35,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
 from dolfinx_frontend.estimate.pieces import pieces_of
-from dolfinx_frontend.estimate.recovery import missed, recovery
+from dolfinx_frontend.estimate.recovery import ASTRAY, Doubts, recovery
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.fitting import fitted
@@ -59,9 +59,6 @@ __all__ = [
 
 SMALL = 1e-3
 """Size of the change that gives the tangent of a nonlinear law, relative to the largest displacement."""
-UNSIGNED = 0.5
-"""Share of contributions without cancellation that an error is taken for at least on tetrahedra of degree 2
-and 3: beside singular edges the signs of their recovered products are those of chance."""
 MOST_MODES, MOST_VARIANCE = 6, 0.98
 """Modes whose errors are estimated at most; the share of the variance from which on no more are."""
 TANGENT_RTOL = 1e-7
@@ -82,7 +79,8 @@ class DiscretisationError:
         Size of the error of the quantity of interest, in its unit; None: none was named. The larger of
         |correction| and the root of the sum of the squares of its contributions by cell: where these cancel,
         their sum is no estimate. On simplices of degree 2 and 3 more where few cells have most of it, as at
-        singular edges; on such tetrahedra at least half of the sum without signs.
+        singular edges; on such tetrahedra at least half of the sum without signs, on linear hexahedra a tenth
+        of what cancels more.
     value
         The quantity in the result.
     correction
@@ -269,10 +267,11 @@ def discretisation_error(
             energy, parts, seconds=seconds, cells=cells, norm=whole, round=shapes, means=means
         )
     seen = max(abs(total.product), float(np.sqrt(total.squares))) + local
+    size = max(abs(total.more), total.least, (1.0 - ASTRAY) * abs(total.product) + total.astray) + local
     return DiscretisationError(
         energy,
         parts,
-        max(seen, abs(total.more) + local, UNSIGNED * total.apart + local),
+        max(seen, size),
         value,
         total.product,
         float(np.sqrt(total.error * total.of_dual)) + local,
@@ -334,23 +333,24 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
     if z is None or std == 0.0:
         return DeviationError(std, 0.0, 0.0, {})
     dual = z.solve()
-    found: dict[str, tuple[Array, float, Array]] = {}  # sums (modes, 4), a(e_z), by cell
+    found: dict[str, tuple[Array, float, Array]] = {}  # sums (modes, 5), a(e_z), by cell
     problem = result.problem
     with agreement(problem.comm):
         for name, part in problem.own.substructures.items():
             block = chaos.coefficients(name)
             own: Array | float = 0.0
-            sums = np.zeros((count, 4))
+            sums = np.zeros((count, 5))
             made, more = recovery(part), 1.0
             for row, mode in zip(sums, order[:count], strict=True):
                 stop_if_pressed()
                 u = block[..., 1 + mode]
                 by_cell = made.energies([u if u.ndim == 1 else u[-1], dual[name]])
                 sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))
-                more = made.missed(sizes)
-                apart = UNSIGNED * sizes.sum() if made.unsigned else 0.0
+                doubts = made.doubts
+                more = doubts.missed(sizes)
                 of_mode, weighted = by_cell[0, 0], by_cell[0, 1]
-                row += more * of_mode.sum(), more * weighted.sum(), np.sum(weighted**2), apart
+                apart, astray = doubts.least * sizes.sum(), doubts.astray * sizes.sum()
+                row += more * of_mode.sum(), more * weighted.sum(), np.sum(weighted**2), apart, astray
                 own = own + by_cell[0, 0]
             of_dual = by_cell[1, 1]
             found[name] = sums, more * float(of_dual.sum()), np.sqrt(np.maximum(own * of_dual, 0.0))
@@ -358,7 +358,9 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
     cells = {name: by_part for name, (_, _, by_part) in found.items()}
     sums = np.sum([of_part for of_part, _, _ in found.values()], axis=0)
     whole_dual = sum(of_part for _, of_part, _ in found.values())
-    each = np.maximum(np.maximum(np.abs(sums[:, 1]), np.sqrt(sums[:, 2])), sums[:, 3])
+    signed = np.abs(sums[:, 1])
+    astray = (1.0 - ASTRAY) * signed + sums[:, 4]
+    each = np.max([signed, np.sqrt(sums[:, 2]), sums[:, 3], astray], axis=0)
     bound = float(np.sqrt(sums[:, 0].sum() * whole_dual))
     return DeviationError(std, left_out * float(np.linalg.norm(each)), left_out * bound, cells)
 
@@ -366,7 +368,7 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
 @dataclass(frozen=True)
 class _Errors:
     """Sums over the cells of a part: a(u), a(e_u), a(e_z), a(e_u, e_z), of the squares of its cells, the
-    product with what fits do not see, and sqrt(a(e_u) a(e_z)) where the sign of products tells nothing."""
+    product with what fits do not see, and the shares of sqrt(a(e_u) a(e_z)) of `Doubts`."""
 
     norm: float = 0.0
     error: float = 0.0
@@ -374,24 +376,25 @@ class _Errors:
     product: float = 0.0
     squares: float = 0.0
     more: float = 0.0
-    apart: float = 0.0
+    least: float = 0.0
+    astray: float = 0.0
 
     @classmethod
     def of(cls, part: Substructure, u: Array, z: Array | None) -> tuple[_Errors, Array]:
         """The sums, and what each cell contributes without its sign."""
         made = recovery(part)
         by_cell = made.energies([u] if z is None else [u, z])
-        return cls.summed(float(u @ (part.matrix @ u)), by_cell, made.blind, made.unsigned)
+        return cls.summed(float(u @ (part.matrix @ u)), by_cell, made.doubts)
 
     @classmethod
-    def summed(cls, norm: float, by_cell: Array, blind: bool, unsigned: bool) -> tuple[_Errors, Array]:
+    def summed(cls, norm: float, by_cell: Array, doubts: Doubts) -> tuple[_Errors, Array]:
         """The same from what :meth:`Recovery.energies` says of the solution, and of the dual one after it."""
         errors = by_cell[0, 0]
         if len(by_cell) == 1:
-            return cls(norm, missed(errors, blind) * float(errors.sum())), errors
+            return cls(norm, doubts.missed(errors) * float(errors.sum())), errors
         product, of_dual = by_cell[0, 1], by_cell[1, 1]
         sizes = np.sqrt(np.maximum(errors * of_dual, 0.0))
-        more = missed(sizes, blind)
+        more = doubts.missed(sizes)
         sums = cls(
             norm,
             more * float(errors.sum()),
@@ -399,7 +402,8 @@ class _Errors:
             float(product.sum()),
             float(product @ product),
             more * float(product.sum()),
-            float(sizes.sum()) if unsigned else 0.0,
+            doubts.least * float(sizes.sum()),
+            doubts.astray * float(sizes.sum()),
         )
         return sums, sizes
 

@@ -18,7 +18,7 @@ from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.recovery import recovery
+from dolfinx_frontend.estimate.recovery import Doubts, recovery
 from dolfinx_frontend.estimate.unseen import of_shape
 
 __all__ = ["Piece", "pieces_of"]
@@ -45,19 +45,19 @@ class Piece:
     own: Flags
     points: Array
 
-    def by_cell(self, *functions: Any) -> tuple[float, Array, bool, bool]:
+    def by_cell(self, *functions: Any) -> tuple[float, Array, Doubts]:
         """Of functions on the whole mesh: energy of the first one, and what :meth:`Recovery.energies` says of
-        all cells of all ranks, with its `blind` and `unsigned`; collective."""
+        all cells of all ranks, with its `doubts`; collective."""
         comm, values = self._values(functions)
         mine = None
         with agreement(comm), np.errstate(over="ignore", invalid="ignore"):
             if self.part is not None:
                 made = recovery(self.part)
                 norm = float(made.products(values[0], values[0])[self.own].sum())
-                mine = norm, made.energies(values)[:, :, self.own], made.blind, made.unsigned
+                mine = norm, made.energies(values)[:, :, self.own], made.doubts
         every = [each for each in comm.allgather(mine) if each is not None]
         together = np.concatenate([each[1] for each in every], axis=2)
-        return sum(each[0] for each in every), together, every[0][2], every[0][3]
+        return sum(each[0] for each in every), together, every[0][2]
 
     def of_shape(self, u: Any, z: Any, value: float) -> float:
         """What its cells on round faces do to a quantity of that value, see :func:`of_shapes`; collective."""

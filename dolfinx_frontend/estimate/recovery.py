@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache, cached_property, lru_cache
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import basix
 import dolfinx.fem as fem
@@ -31,13 +31,15 @@ from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.materials import LinearElastic
 
-__all__ = ["Recovery", "missed", "recovery"]
+__all__ = ["Doubts", "Recovery", "recovery"]
 
 
 FEW, SINGULAR = 0.06, 1.5
 """Share of the cells of which it is asked how much of all errors they have, and how much more there is if
 they have all: no polynomial follows a stress that is singular, and on simplices of degree 2 and 3 fits see
 half of its energy and less (see the measured ratios in the documentation)."""
+UNSIGNED, ASTRAY = 0.5, 0.1
+"""See `Doubts`."""
 
 SIMPLICES = ("triangle", "tetrahedron")
 POINTS_A_TERM = 1.5
@@ -114,9 +116,29 @@ def _share_of_few(sizes: Array) -> float:
     return float(np.partition(sizes, -count)[-count:].sum()) / total if total > 0.0 else 0.0
 
 
-def missed(sizes: Array, blind: bool) -> float:
-    """How much larger sums of `energies` are, whose sizes by cell are given, for what fits do not see."""
-    return 1.0 + SINGULAR * _share_of_few(sizes) if blind else 1.0
+class Doubts(NamedTuple):
+    """What recovered gradients do not tell, by the cells of a part.
+
+    Attributes
+    ----------
+    blind
+        Simplices of degree 2 and 3: fits see too little of what is singular.
+    least
+        Share of the sum without signs that an error of a quantity is taken for at least: on tetrahedra of
+        degree 2 and 3 the signs of products beside singular edges are those of chance.
+    astray
+        Share of what cancels that is added to what is left of the sum with signs: on linear hexahedra
+        products beside clamped edges are known to so much only.
+    """
+
+    blind: bool
+    least: float
+    astray: float
+
+    def missed(self, sizes: Array) -> float:
+        """How much larger sums of `energies` are, whose sizes by cell (cells,) are given, for what fits do
+        not see."""
+        return 1.0 + SINGULAR * _share_of_few(sizes) if self.blind else 1.0
 
 
 def recovery(part: Substructure) -> Recovery:
@@ -304,19 +326,13 @@ class Recovery:
                 out[i, j] = fem.assemble_vector(form).array[place] if j >= i else out[j, i]
         return out
 
-    def missed(self, sizes: Array) -> float:
-        """As :func:`missed`, of the cells of this part."""
-        return missed(sizes, self.blind)
-
     @property
-    def blind(self) -> bool:
-        """Whether the cells are of those that see too little of what is singular."""
-        return self.simplex and self.degree > 1
-
-    @property
-    def unsigned(self) -> bool:
-        """Whether the signs of products tell nothing beside singular edges."""
-        return self.blind and self.dim == 3
+    def doubts(self) -> Doubts:
+        """What is not seen in cells of this kind."""
+        solid = self.dim == 3
+        blind = self.simplex and self.degree > 1
+        linear = self.cell == "hexahedron" and self.degree == 1
+        return Doubts(blind, UNSIGNED if blind and solid else 0.0, ASTRAY if linear else 0.0)
 
     def products(self, u: Array, z: Array) -> Array:
         """(cells,) a(u, z) of solutions (n,) themselves, force * length."""
