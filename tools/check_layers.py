@@ -35,6 +35,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "codes",
         "files",
         "alike",
+        "arithmetic",
         "threads",
         "describe",
         "checks",

@@ -16,6 +16,7 @@ from typing import Any, Literal, Never
 import numpy as np
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arithmetic import SIGNS, Arithmetic
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_kind, check_known, checked_name, is_real, told_call
 from dolfinx_frontend.common.describe import short
@@ -27,21 +28,13 @@ from dolfinx_frontend.uncertainty.expressions import Operand
 
 __all__ = ["Event", "Response", "response"]
 
-_SIGNS: dict[Any, str] = {
-    operator.add: "+",
-    operator.sub: "-",
-    operator.mul: "*",
-    operator.truediv: "/",
-    operator.pow: "**",
-}
-
 MOST_CUTS = 4096
 """Ways in which an event may happen."""
 
 _Side = Literal["everywhere", "somewhere"]
 
 
-class Response:
+class Response(Arithmetic):
     """A number of an answer: a total force, a jump, or what a function makes of its fields.
 
     Parameters
@@ -150,39 +143,6 @@ class Response:
             return _Combined(function, operands)
         return NotImplemented
 
-    def __add__(self, other: Any) -> Any:
-        return self._with(operator.add, self, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return self._with(operator.add, other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return self._with(operator.sub, self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return self._with(operator.sub, other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return self._with(operator.mul, self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return self._with(operator.mul, other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return self._with(operator.truediv, self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self._with(operator.truediv, other, self)
-
-    def __pow__(self, other: Any) -> Any:
-        return self._with(operator.pow, self, other)
-
-    def __neg__(self) -> Any:
-        return self._with(operator.neg, self)
-
-    def __abs__(self) -> Any:
-        return self._with(operator.abs, self)
-
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **settings: Any) -> Any:
         if method != "__call__" or settings or ufunc.nout != 1 or ufunc.signature is not None:
             return NotImplemented
@@ -222,7 +182,7 @@ class _Combined(Response):
     def __init__(self, function: Callable[..., Any], operands: tuple[Any, ...]) -> None:
         self._function, self._operands = function, operands
         names = [o.name if isinstance(o, Response | Operand) else f"{float(o):g}" for o in operands]
-        sign = _SIGNS.get(function)
+        sign = SIGNS.get(function)
         if sign is not None:
             pairs = zip(names, operands, strict=True)
             nested = (f"({n})" if isinstance(o, _Combined) else n for n, o in pairs)

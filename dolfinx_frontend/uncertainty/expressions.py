@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from dolfinx_frontend.common.arithmetic import SIGNS, Arithmetic
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_callable, checked_name, is_real, told_call
 from dolfinx_frontend.common.describe import short
@@ -22,11 +23,7 @@ from dolfinx_frontend.common.frozen import ReadOnlyDict
 __all__ = ["ByName", "Expression", "Operand", "expression"]
 
 _SIGNS = {
-    operator.add: "+",
-    operator.sub: "-",
-    operator.mul: "*",
-    operator.truediv: "/",
-    operator.pow: "**",
+    **SIGNS,
     np.add: "+",
     np.subtract: "-",
     np.multiply: "*",
@@ -35,7 +32,7 @@ _SIGNS = {
 }
 
 
-class Operand:
+class Operand(Arithmetic):
     """A random number that one can calculate with."""
 
     name: str
@@ -59,45 +56,6 @@ class Operand:
                     "it is a component of a vector; write (a * k, b * k)"
                 )
         return NotImplemented
-
-    def __add__(self, other: Any) -> Any:
-        return self._with(operator.add, self, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return self._with(operator.add, other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return self._with(operator.sub, self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return self._with(operator.sub, other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return self._with(operator.mul, self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return self._with(operator.mul, other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return self._with(operator.truediv, self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self._with(operator.truediv, other, self)
-
-    def __pow__(self, other: Any) -> Any:
-        return self._with(operator.pow, self, other)
-
-    def __rpow__(self, other: Any) -> Any:
-        return self._with(operator.pow, other, self)
-
-    def __neg__(self) -> Expression:
-        return Expression(operator.neg, self)
-
-    def __pos__(self) -> Any:
-        return self
-
-    def __abs__(self) -> Expression:
-        return Expression(operator.abs, self)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **settings: Any) -> Any:
         if method != "__call__" or settings or ufunc.nout != 1:
