@@ -170,11 +170,13 @@ def read_tree(path: Path, form: str) -> Tree:
             child = group[key]
             if isinstance(child, h5py.Group):
                 node[name] = get(child, depth + 1)
-            elif child.id.get_create_plist().get_layout() not in plain or child.external:
+                continue
+            stored = child.id.get_create_plist()
+            if stored.get_layout() not in plain or stored.get_external_count():
                 raise ValueError(f"{key!r} is not stored in one piece in this file")
-            elif child.nbytes > path.stat().st_size:
+            if child.nbytes > most:
                 raise ValueError(f"{key!r} is larger than the file")
-            elif h5py.check_string_dtype(child.dtype) is not None:
+            if h5py.check_string_dtype(child.dtype) is not None:
                 node[name] = child.asstr()[()].tolist()
             else:
                 value = child[()]
@@ -184,6 +186,7 @@ def read_tree(path: Path, form: str) -> Tree:
         return node
 
     _check_seal(path, form)
+    most = path.stat().st_size
     with h5py.File(path, "r") as file:
         tree: Tree = placed(get(file))
     return tree

@@ -154,7 +154,7 @@ Edit = Callable[[Any], None]
 
 
 def edits(path: Path, place: str, name: str) -> Iterator[tuple[str, Edit]]:
-    """What is done to an entry: removed, renamed, of another kind, of another shape."""
+    """What is done to an entry: renamed (it is missing, and another is too much), of another kind or shape."""
     with h5py.File(path) as file:
         node = file[place] if place else file
         value = node.attrs[name] if name else None if isinstance(node, h5py.Group) else node[()]
@@ -172,12 +172,6 @@ def edits(path: Path, place: str, name: str) -> Iterator[tuple[str, Edit]]:
 
         return edit
 
-    def remove(file: Any) -> None:
-        if name:
-            del (file[place] if place else file).attrs[name]
-        else:
-            del file[place]
-
     def rename(file: Any) -> None:
         if name:
             attributes = (file[place] if place else file).attrs
@@ -186,7 +180,6 @@ def edits(path: Path, place: str, name: str) -> Iterator[tuple[str, Edit]]:
         else:
             file.move(place, f"{place}_")
 
-    yield "removed", remove
     yield "renamed", rename
     if name:
         yield "another kind", put(7 if isinstance(value, str) else "x")

@@ -9,6 +9,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import tomllib
 import zipfile
@@ -249,6 +250,10 @@ def as_the_recipe_tests(recipe: Any, python: Path, tree: Path, away: Path) -> No
 def test_cmake_installs_the_library(sdist: Path, tmp_path: Path) -> None:
     """A program that knows nothing but the prefix finds the library; the wheel's part stays away."""
     variables = {"CCACHE_BASEDIR": str(sdist), "CCACHE_NOHASHDIR": "1"}
+    # the compiler that pip takes: the compiler cache tells them apart by their names
+    compiler = (os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "").split()
+    if compiler and shutil.which(compiler[0]):
+        variables["CXX"] = compiler[0]
     first, build = tmp_path / "first prefix", sdist / "build" / "library" / "cmake"
     werror = "ON" if os.environ.get("LATIN_ENVIRONMENT", "").startswith("trixie-") else "OFF"
     options = [f"-DCMAKE_INSTALL_PREFIX={first}", f"-DLATIN_WERROR={werror}", "-DLATIN_BUILD_PYTHON=OFF"]
