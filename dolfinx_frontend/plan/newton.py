@@ -21,10 +21,10 @@ from latin_core import Options
 
 __all__ = ["Newton", "fitting", "newton_of"]
 
-_DENSE = 35e9
+_DENSE = 25e9
 """Operations a second of the flexibility and its factors, on the core of the other rates."""
-_READ = 15e9
-"""Bytes a second of dense factors that solve for a few columns."""
+_READ, _SOLVE = 7e9, 12e9
+"""Bytes a second of dense factors that solve for one or two columns, operations a second for many."""
 _OF_BODY, _OF_SYSTEM = 10.0 / 3.0, 2.0 / 3.0
 """Operations over the third power: of a body (a product, its factor, a solution, and a product), of an LU."""
 _SYSTEMS = 2.0
@@ -143,10 +143,10 @@ def _work(problem: Problem, here: Sequence[str], bodies: Sequence[Body], zone: i
         rows += len(interface.sides) * interface.num_points * interface.dim
     flops = _OF_BODY * sum(float(body.active) ** 3 for body in bodies)
     flops += _SYSTEMS * _OF_SYSTEM * columns * float(zone) ** 3
-    squares = [8.0 * float(body.active) ** 2 for body in bodies]
+    numbers = [float(body.active) ** 2 for body in bodies]
     # factors without search directions, the flexibility and its LU, and what the largest body is multiplied with
-    memory = sum(squares) + 16.0 * float(zone) ** 2 + 2.0 * max(squares, default=0.0)
-    iteration = sum(squares) / _READ + ROW_OF_POINT * rows * columns
+    memory = 8.0 * (sum(numbers) + 2.0 * float(zone) ** 2 + 2.0 * max(numbers, default=0.0))
+    iteration = sum(numbers) * max(8.0 / _READ, 2.0 * columns / _SOLVE) + ROW_OF_POINT * rows * columns
     work = _Work(flops, memory, max(iteration, 1e-9), sum(body.flops for body in bodies) / FACTOR)
     if problem.comm is not None:
         work = _Work(*map(max, zip(*exchanged(problem.comm, work), strict=True)))
