@@ -124,7 +124,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "meeting",
         "assemble",
     ),
-    "plan": ("random_laws", "ties", "reduction", "cost", "price", "coarse", "plan", "ways"),
+    "plan": ("random_laws", "ties", "reduction", "cost", "price", "newton", "coarse", "plan", "ways"),
     "kernel": (
         "user_laws",
         "motions",

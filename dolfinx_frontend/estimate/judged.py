@@ -330,8 +330,9 @@ class Judged:
             # where a direct solution would do, changes from mesh to mesh must not be those of the iteration
             options = options.with_(rtol=max(DIGIT * options.rtol, FINEST))
         others = []
-        plan = make_plan(problem, method, vary=vary, options=self._later(options, before), **settings)
-        if plan.options.newton != options.newton:
+        later = self._later(options, before)
+        plan = make_plan(problem, method, vary=vary, options=later, **settings)
+        if later != options:
             others = [make_plan(problem, method, vary=vary, options=options, **settings)]
         result = solve_once(
             problem, plan, estimator=errors, before=before, progress=self.shown, others=others

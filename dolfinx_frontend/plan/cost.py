@@ -18,7 +18,6 @@ import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface, Side
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.assembly.vertices import in_thin_cells
 from dolfinx_frontend.plan.reduction import members_of_bodies
@@ -33,7 +32,6 @@ __all__ = [
     "bodies_of",
     "interface_unknowns",
     "lower_level",
-    "newton_is_dense",
     "predict",
     "shown",
 ]
@@ -69,6 +67,8 @@ class Cost:
     direct, multigrid
         Most bytes at one time, beside the matrices of the parts: with factors, and with
         ``backend="multigrid"``.
+    newton_flops
+        Operations of the dense flexibility and the systems of Newton's method, if it is used.
     """
 
     unknowns: int
@@ -81,6 +81,7 @@ class Cost:
     memory: float
     direct: float = 0.0
     multigrid: float = 0.0
+    newton_flops: float = 0.0
 
     def __str__(self) -> str:
         text = f"factorise {shown(self.factor_flops, 'Flop')}, memory {shown(self.memory, 'B')}"
@@ -171,18 +172,6 @@ def blocks_fit(problem: Problem, active: Iterable[str], options: Options) -> boo
     """Whether the dense block of every body on its active unknowns is within the memory limit."""
     limit = options.memory_limit
     return limit <= 0 or all(8.0 * float(b.active) ** 2 <= limit for b in bodies_of(problem, tuple(active)))
-
-
-def newton_is_dense(problem: Problem, active: Iterable[str], options: Options) -> bool:
-    """Whether Newton's method has a dense flexibility of the interfaces: all bodies condensed, and within the
-    memory limit. Collective."""
-    kept = tuple(active)
-    size = 8.0 * float(interface_unknowns(problem, kept)) ** 2
-    here = tuple(name for name in kept if name in problem.own.interfaces)
-    condensed = all(body.condensed(options) for body in bodies_of(problem.own, here) if body.active)
-    if problem.comm is not None:
-        condensed = all(exchanged(problem.comm, condensed))
-    return condensed and (options.memory_limit <= 0 or size <= options.memory_limit)
 
 
 def predict(

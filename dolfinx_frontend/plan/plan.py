@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -34,11 +34,10 @@ from dolfinx_frontend.plan.cost import (
     Cost,
     blocks_fit,
     bodies_of,
-    interface_unknowns,
-    newton_is_dense,
     predict,
     shown,
 )
+from dolfinx_frontend.plan.newton import Newton, fitting, newton_of
 from dolfinx_frontend.plan.price import Price, Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
@@ -503,14 +502,16 @@ def make_plan(
     if blocks and options.operator == "automatic" and blocks_fit(problem, kept, options):
         options = options.with_(operator="condensed")
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
-    newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
-    dense = newton and newton_is_dense(problem, kept, options)
-    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, dense)
-    direction = _search_direction(problem, direction, chosen, bool(macro))
     varied = tuple(loads)
     constant = any(term.amplitude is None for term in varied)
     patterns, history, why = _history(problem, kept, moments, problem.amplitudes, constant)
     steps = len(moments) if history == "steps" and moments is not None else 1
+    curved = random is None and chosen == "accelerated" and _is_nonlinear(problem, kept)
+    newton = newton_of(problem, kept, steps, options) if curved else Newton()
+    early = newton.steps == 1
+    zone = newton.dense if early else 0
+    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, zone > 0)
+    direction = _search_direction(problem, direction, chosen, bool(macro))
     columns, of_columns = _columns(problem, random, columns, history, steps, len(patterns), why)
 
     decisions = [*_of_interfaces(kept, reasons, eliminated), *_of_spaces(problem), *of_columns]
@@ -538,9 +539,14 @@ def make_plan(
         tolerance = Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
         decisions += [_of_direction(direction, chosen), *reach, tolerance]
     here = [name for name in kept if name in problem.own.interfaces]
-    zone = interface_unknowns(problem, kept) if dense else 0
     pairs = [name for name in paired if name in here]
-    cost = predict(problem.own, here, columns, options, pairs, newton, zone)
+    cost = predict(problem.own, here, columns, options, pairs, early and curved, zone)
+    if options.newton == "automatic":
+        newton = fitting(problem, newton, cost.direct)
+        options = options.with_(newton=newton.steps)
+    if newton.choice:
+        decisions.append(Decision("Newton's method", newton.choice, newton.reason))
+    cost = replace(cost, newton_flops=newton.flops)
     suits = not (factors or fields) and all(problem.interfaces[n].law.superposes for n in kept)
     of_way = way or Way(random, columns if random is not None else 0)
 
@@ -709,9 +715,8 @@ def _moments_in_time(problem: Problem, times: npt.ArrayLike | None) -> Array | N
     return None
 
 
-def _takes_newton_steps(problem: Problem, kept: Sequence[str], options: Options) -> bool:
-    nonlinear = not all(problem.interfaces[n].law.superposes for n in kept)
-    return options.newton > 0 and nonlinear
+def _is_nonlinear(problem: Problem, kept: Sequence[str]) -> bool:
+    return not all(problem.interfaces[n].law.superposes for n in kept)
 
 
 def _search_direction(

@@ -24,11 +24,11 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from latin_core import Options
 
-__all__ = ["Price", "Way", "price", "speed"]
+__all__ = ["FACTOR", "NONLINEAR", "ROW_OF_POINT", "Price", "Way", "price", "speed"]
 
 _CORE = 70e9
 """Operations a second of a product of matrices, where the other rates were measured."""
-_FACTOR, _TANGENT = 29e9, 20e9
+FACTOR, _TANGENT = 29e9, 20e9
 """Operations a second of sparse factorisations, and of dense tangents of small zones."""
 _READ, _READ_TOGETHER = 35e9, 25e9
 """Bytes a second of dense blocks: for several points, and for the columns of a chaos."""
@@ -36,7 +36,7 @@ _ENTRY, _PART, _FIRST = 5e-8, 1e-3, 8e-3
 """Seconds for an entry of the matrices, for a part, and once."""
 _STOCHASTIC = 0.02
 """Seconds for modes or points and what is found out about them."""
-_ROW_OF_POINT, _ROW_OF_COLUMN = 3.5e-7, 8e-8
+ROW_OF_POINT, _ROW_OF_COLUMN = 3.5e-7, 8e-8
 """Seconds for a row of the interface data and an iteration, of a point and of a column of a chaos."""
 _ROW_AT_ONCE, _ROW_OF_MODE = 5e-7, 8e-7
 """Seconds for a row where a linear scene has a tangent: of a point, and of a mode."""
@@ -49,7 +49,7 @@ _EIGENVECTORS = 4e-10
 _OF_FIELD, _ENTRY_OF_FIELD, _BYTES_OF_FIELD = 10, 5e-7, 120.0
 """Where a part has a random field: steps of conjugate gradients; seconds and bytes for an entry of its
 matrix."""
-_ITERATIONS, _WITH_MACRO, _NONLINEAR = 40, 12, 85
+_ITERATIONS, _WITH_MACRO, NONLINEAR = 40, 12, 85
 """Iterations of a chaos at a tolerance of 1e-4: of linear laws, of those with a coarse problem, of others."""
 _FIRST_POINTS, _NEXT_POINT = 45, 3
 """Iterations that the first points take together, and that each takes then."""
@@ -148,7 +148,7 @@ def _sizes(problem: Problem, bodies: Sequence[Body]) -> _Sizes:
     dense = 8.0 * sum(min(float(body.active) ** 2, 4.0 * body.entries) for body in bodies)
     condense = sum(float(body.active) ** 3 for body in bodies)
     reach = _AFFORDABLE * sum(body.entries**_POWER for body in bodies)
-    build = _FIRST + _PART * len(own.substructures) + _ENTRY * entries + flops / _FACTOR
+    build = _FIRST + _PART * len(own.substructures) + _ENTRY * entries + flops / FACTOR
     active = float(sum(body.active for body in bodies))
     tangent = active > 0 and condense <= max(_NEGLIGIBLE, reach)
     return _Sizes(entries, numbers, flops, dense, active, tangent, build)
@@ -218,7 +218,7 @@ def _by_multigrid(
     below = lower_level(problem.own, unknowns)
     seconds = (_SET_UP + cycles * _CYCLE) * sizes.entries + cycles * _FIELD * unknowns
     seconds *= 1.0 if below.unknowns else _AGGREGATION
-    seconds += _FIRST + 1.3 * below.entries**2 / max(below.unknowns, 1.0) / _FACTOR
+    seconds += _FIRST + 1.3 * below.entries**2 / max(below.unknowns, 1.0) / FACTOR
     seconds += cycles * 4.0 * below.entries / _BELOW
     seconds += _ROW_AT_ONCE * rows * steps * (way.points + 10 * max(way.modes, 1))
     memory = _EXTRA + predict(problem.own, names, columns, options).multigrid
@@ -247,17 +247,17 @@ class _Run(NamedTuple):
         sizes, rows = self.sizes, self.rows
         kept = 16.0 * rows * self.steps * points
         if self.random is not None and self.random.fields:
-            each = _ENTRY * sizes.entries + sizes.flops / _FACTOR + 2e-3
+            each = _ENTRY * sizes.entries + sizes.flops / FACTOR + 2e-3
             return points * each, kept + BYTES_OF_ENTRY * sizes.entries
         scaled = self.random is not None and bool(self.random.scaled)
         if sizes.tangent and not (self.curved or scaled):
             return self._of_tangent + _ROW_AT_ONCE * rows * points * self.steps, kept
         iterations = self.digits * (min(_FIRST_POINTS, 20 * points) + _NEXT_POINT * points)
         each = self._of_tangent if sizes.tangent else 0.0
-        each += self.steps * (sizes.dense / _READ + _ROW_OF_POINT * rows)
+        each += self.steps * (sizes.dense / _READ + ROW_OF_POINT * rows)
         if self.curved and self.steps > 1:
             iterations = self.digits * _OF_HISTORY * points
-            each = sizes.dense / _READ + _ROW_OF_POINT * rows
+            each = sizes.dense / _READ + ROW_OF_POINT * rows
         return iterations * each, 2.0 * kept
 
     def of_chaos(
@@ -287,7 +287,7 @@ class _Run(NamedTuple):
         if not self.curved:
             iterations = self.digits * (_WITH_MACRO if self.macro else _ITERATIONS)
             return seconds + iterations * columns * each, memory
-        iterations = self.digits * _NONLINEAR
+        iterations = self.digits * NONLINEAR
         points = _points_of_law(self.random, way)
         of_laws = sum(problem.interfaces[n].num_points * problem.dim for n in curved) * points * self.steps
         seconds += iterations * (columns * each + 2.0 * _LAW * of_laws)

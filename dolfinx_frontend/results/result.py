@@ -322,7 +322,8 @@ class HistoryResult(Result):
 
 
 def phase_seconds(result: Result) -> dict[str, Any]:
-    """Where the time went: assemble, factorise, condense (all bodies), global, local, other."""
+    """Where the time went: assemble, factorise, condense (all bodies), global, local, the flexibility of
+    Newton's method and its steps, other."""
     costs = result.solver.costs
     return {
         "assemble": sum(c["assemble_s"] for c in costs),
@@ -330,6 +331,8 @@ def phase_seconds(result: Result) -> dict[str, Any]:
         "condense": sum(c["condense_s"] for c in costs),
         "global": result.summary.global_s,
         "local": result.summary.local_s,
+        "flexibility": result.summary.flexibility_s,
+        "newton": result.summary.newton_s,
         "other": result.summary.other_s,
     }
 
@@ -344,6 +347,10 @@ def spent(result: Result) -> str:
     lines = [f"{'phase':<12}{'seconds':>10}  predicted"]
     for name, seconds in phases.items():
         said = ""
+        if name in ("flexibility", "newton") and not seconds:
+            continue
+        if cost is not None and name == "flexibility":
+            said = f"{shown(cost.newton_flops, 'Flop')} with Newton's systems"
         if cost is not None and name == "factorise":
             said = f"{shown(cost.factor_flops, 'Flop')}, {shown(8 * cost.factor_numbers, 'B')}"
             said += f" (spent: {shown(8 * numbers, 'B')}"

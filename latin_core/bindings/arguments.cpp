@@ -259,7 +259,10 @@ latin::iteration::Options to_options(py::object value) {
   options.acceleration = integer("acceleration");
   options.relaxation = to_number(get("relaxation"), "options.relaxation");
   options.stagnation_window = integer("stagnation_window");
-  options.newton = integer("newton");
+  const py::object newton = get("newton");
+  if (!py::isinstance<py::str>(newton) || newton.cast<std::string>() != "automatic") {
+    options.newton = to_index(newton, "options.newton");
+  }
   options.snapshots = integer("snapshots");
   options.together = integer("together");
   const py::object scatter = get("scatter");

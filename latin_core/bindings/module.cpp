@@ -41,7 +41,7 @@ py::dict default_options() {
   const latin::substructure::OperatorOptions of_bodies;
   return py::dict("rtol"_a = of_runs.rtol, "max_iterations"_a = of_runs.max_iterations,
                   "acceleration"_a = of_runs.acceleration, "relaxation"_a = of_runs.relaxation,
-                  "stagnation_window"_a = of_runs.stagnation_window, "newton"_a = of_runs.newton,
+                  "stagnation_window"_a = of_runs.stagnation_window,
                   "snapshots"_a = of_runs.snapshots, "together"_a = of_runs.together,
                   "scatter"_a = of_runs.scatter, "memory_limit"_a = of_bodies.memory_limit);
 }

@@ -58,7 +58,7 @@ Iteration iteration_of(const py::tuple& parts) {
 py::tuple parts_of(const Summary& s) {
   return py::make_tuple(static_cast<int>(s.status), s.iterations, s.error, s.indicator, s.energy,
                         s.global_s, s.local_s, s.newton_s, s.other_s, s.newton_steps, s.restarts,
-                        s.history, s.errors, s.scatter);
+                        s.history, s.errors, s.scatter, s.flexibility_s);
 }
 
 Summary summary_of(const py::tuple& parts) {
@@ -77,6 +77,7 @@ Summary summary_of(const py::tuple& parts) {
   s.history = parts[11].cast<std::vector<Iteration>>();
   s.errors = parts[12].cast<latin::Matrix>();
   s.scatter = parts[13].cast<double>();
+  s.flexibility_s = parts[14].cast<double>();
   return s;
 }
 
@@ -120,6 +121,8 @@ void bind_results(py::module_& m) {
                     "u^T K u of the bodies with the springs assembled into them, all columns.")
       .def_readonly("global_s", &Summary::global_s, "Seconds in global stages.")
       .def_readonly("local_s", &Summary::local_s, "Seconds in local stages.")
+      .def_readonly("flexibility_s", &Summary::flexibility_s,
+                    "Seconds of the dense flexibility of Newton steps, where it was made.")
       .def_readonly("newton_s", &Summary::newton_s, "Seconds in Newton steps.")
       .def_readonly("newton_steps", &Summary::newton_steps, "Newton steps of single columns.")
       .def_readonly("other_s", &Summary::other_s, "Seconds in acceleration and error measure.")

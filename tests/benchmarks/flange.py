@@ -103,6 +103,7 @@ def one(method: str, size: float, options: Options, exact_up_to: float) -> dict[
     record |= times | {"status": result.status, "iterations": result.iterations, "error": result.error}
     record |= {"setup_s": result.seconds["setup"], "spent": result.spent()}
     record["active_unknowns"] = result.solver.active_unknowns
+    record["newton"] = [decision for decision in result.plan.decisions if "Newton" in decision.what]
     if problem.size <= exact_up_to:
         exact = result.tightened(1e-3 * options.rtol)
         record |= {"reference_status": exact.status, "reference_error": exact.error}
@@ -113,17 +114,20 @@ def one(method: str, size: float, options: Options, exact_up_to: float) -> dict[
 def main() -> None:
     """Measure, print and write."""
     wanted = parser("flange", __doc__, RTOL, ["latin"])
-    wanted.add_argument("--newton", type=int, default=1, help="0: without Newton's steps")
-    wanted.add_argument("--exact", type=float, default=150_000, help="unknowns up to which errors are known")
+    wanted.add_argument("--newton", type=int, help="0: without Newton's steps; 1: from the first steps")
+    wanted.add_argument("--exact", type=float, default=1.2e6, help="unknowns up to which errors are known")
     given = wanted.parse_args()
     if given.one:
-        options = Options(rtol=given.rtol, max_iterations=1000, newton=given.newton)
+        options = Options(rtol=given.rtol, max_iterations=1000)
+        if given.newton is not None:
+            options = options.with_(newton=given.newton)
         print(json.dumps(one(given.one, given.size, options, given.exact), default=float))
         return
     size = f"{given.size or size_for(given.unknowns):.4g}"
     record: dict[str, Any] = {"benchmark": "flange", "size": size, "commit": common.commit()}
     settings = {"--size": size, "--rtol": str(given.rtol), "--exact": str(given.exact)}
-    settings["--newton"] = str(given.newton)
+    if given.newton is not None:
+        settings["--newton"] = str(given.newton)
     solvers = one_each(__file__, given.only, settings, given.unknowns, given.memory)
     record |= {"solvers": solvers} | of_unit(solvers)
     latin = solvers.get("latin", {})

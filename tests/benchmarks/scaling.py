@@ -8,7 +8,8 @@ a global stage on the slowest rank (no communication is in it); ``setup_s`` (fac
 condensation, slowest rank); of each ``..._ratio`` of one rank to two, ``ratio`` being that of the
 iteration; ``max_difference`` of the displacements, relative to the largest one. ``ratio`` and
 ``max_difference`` at the top level are the least and the largest of the rows. ``cases`` has of this chain and
-of points over ranks (see ``_points.py``) what was measured: ``ranks``, ``speedup`` (wall), ``difference``.
+of points over ranks (see ``_points.py``) and of the large vessel (``_vessel.py``, ``--vessel N`` unknowns; 0: it
+is left out) what was measured: ``ranks``, ``speedup`` (wall), ``difference``.
 
 One thread a rank. Other work on the machine slows two ranks more than one, because they wait for each
 other in every iteration: ``load`` of the machine before the first run stands in ``environment``. Processor
@@ -25,6 +26,7 @@ from time import thread_time
 from typing import Any
 
 import _points
+import _vessel
 import common
 import numpy as np
 from dolfinx import mesh as dmesh
@@ -168,8 +170,22 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=10_000, help="of the vessel, over ranks")
     parser.add_argument("--sets", type=int, default=10, help="friction sets of the lap joint: to the power 3")
     parser.add_argument("--launches", type=int, default=3, help="launches of one and of two ranks in turn")
+    parser.add_argument("--vessel", type=float, default=500_000, help="unknowns of the large one; 0: none")
+    parser.add_argument("--only", choices=("vessel",), help="this case alone")
     arguments = parser.parse_args()
     environment = common.environment() | {"threads": "1 a rank"}
+    vessels = [_vessel.measured(arguments.vessel)] if arguments.vessel else []
+    for each in vessels:
+        print(
+            f"{each['unknowns']} unknowns, {each['case']}: {each['seconds'][0]:.1f} s on one rank, "
+            f"{each['seconds'][-1]:.1f} s on two, {each['speedup'][-1]:.2f} times faster (bodies alone at most "
+            f"{each['bodies_ratio'][-1]:.2f}), difference {each['difference']:.1e}, peak of a rank "
+            f"{each['peak_gb'][0]:.2f} and {each['peak_gb'][-1]:.2f} GB",
+            flush=True,
+        )
+    if arguments.only:
+        common.write_json({"environment": environment, "cases": vessels}, arguments.json)
+        return
     rows = []
     for random in (False, True):
         rows.append(row(arguments.cells, random, arguments.repeats, arguments.launches))
@@ -190,6 +206,7 @@ def main() -> None:
         }
         for each in rows
     ]
+    cases += vessels
     cases += _points.cases(arguments.samples, arguments.sets, arguments.launches, arguments.repeats)
     record = {
         "environment": environment,

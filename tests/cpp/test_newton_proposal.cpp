@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <tuple>
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/newton_proposal.hpp"
@@ -49,7 +50,7 @@ struct Solved {
 
 TEST(NewtonProposal, IsNeverDueWhereThereIsNoSuchMethod) {
   NewtonProposal none(Metric(Vector::Ones(3)), {}, {});
-  none.begin(true, 10, 100);
+  none.begin(true, 10, 100, 1);
   for (int i = 0; i < 100; ++i) {
     EXPECT_FALSE(none.due());
     none.count_step();
@@ -59,22 +60,39 @@ TEST(NewtonProposal, IsNeverDueWhereThereIsNoSuchMethod) {
 
 TEST(NewtonProposal, WaitsLongerFromElsewhereForItCostsMoreThere) {
   Solved from_zero;
-  from_zero.proposal.begin(true, 1000, 500);
+  from_zero.proposal.begin(true, 1000, 500, 1);
   EXPECT_EQ(from_zero.steps_until_due(), 2);
   Solved small;
-  small.proposal.begin(false, 100, 500);
+  small.proposal.begin(false, 100, 500, 1);
   EXPECT_EQ(small.steps_until_due(), 52);
   Solved large;  // and the method does not wait for ever
-  large.proposal.begin(false, 100000, 5000);
+  large.proposal.begin(false, 100000, 5000, 1);
   EXPECT_EQ(large.steps_until_due(), 302);
   Solved few;
-  few.proposal.begin(false, 100000, 20);
+  few.proposal.begin(false, 100000, 20, 1);
   EXPECT_EQ(few.steps_until_due(), 12);
+}
+
+TEST(NewtonProposal, WaitsAsLongAsAskedButForNoMoreThanHalfOfTheRun) {
+  for (const auto& [from_zero, patience, most, wait] : {std::tuple{true, 2, 500, 2},
+                                                        {true, 40, 500, 40},
+                                                        {true, 4000, 500, 252},
+                                                        {true, 40, 1, 2},
+                                                        {false, 40, 500, 52},
+                                                        {false, 80, 500, 80}}) {
+    Solved run;
+    run.proposal.begin(from_zero, 100, most, patience);
+    EXPECT_EQ(run.proposal.due_within(wait - 1), false);
+    EXPECT_EQ(run.proposal.due_within(wait), true);
+    EXPECT_EQ(run.steps_until_due(), wait);
+  }
+  NewtonProposal none(Metric(Vector::Ones(3)), {}, {});
+  EXPECT_FALSE(none.due_within(1000));
 }
 
 TEST(NewtonProposal, IsHurriedOnce) {
   Solved run;
-  run.proposal.begin(false, 1000, 500);
+  run.proposal.begin(false, 1000, 500, 1);
   EXPECT_TRUE(run.proposal.hurry());
   EXPECT_TRUE(run.proposal.due());
   run.propose();

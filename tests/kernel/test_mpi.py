@@ -69,6 +69,13 @@ def test_an_error_that_is_not_caught_ends_all_ranks_with_its_message() -> None:
     assert "rank 1 of 2:" in run.stderr and "RuntimeError: only here" in run.stderr
 
 
+def test_an_interrupt_of_one_rank_ends_all_with_what_is_done_or_its_reason() -> None:
+    run = launch(2, "mpi_interrupt.py", "parts", "points", "outside")
+    assert run.stdout.count("parts on rank") == run.stdout.count("points on rank") == 2, run.stderr
+    assert run.returncode != 0
+    assert "rank 1 of 2:" in run.stderr and "KeyboardInterrupt" in run.stderr
+
+
 def test_quantities_of_one_rank_are_known_to_all() -> None:
     holds(2, ("same answer on rank", "failed together on rank"), "mpi_quantity.py")
 

@@ -6,21 +6,25 @@ import subprocess
 import sys
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dolfinx_frontend import (
     Amplitude,
     Contact,
+    Elastic,
     LinearElastic,
     Options,
+    Plan,
     Problem,
     Scene,
     assemble,
     geometry,
-    reference,
+    make_plan,
     solve,
 )
 from dolfinx_frontend.plan.cost import interface_unknowns
+from dolfinx_frontend.reference import energy_difference
 
 PRESS, PULL = Amplitude([0, 1], [0, 1]), Amplitude([1, 2], [0, 1])
 
@@ -40,19 +44,76 @@ def blocks(cells: int) -> Problem:
 
 def test_iterations_do_not_fall_off_a_cliff() -> None:
     counts: list[int] = []
-    for cells, least in ((7, 500), (16, 3000)):
+    for cells, least in ((5, 600), (8, 1500)):
         problem = blocks(cells)
         assert interface_unknowns(problem, ["joint"]) >= least
-        result = solve(problem, times=[1.0, 2.0])
+        result = solve(problem, times=[1.0, 2.0], options=Options(newton=True))
         assert result.converged and result.summary.newton_steps > 0
         counts.append(result.iterations)
     assert max(counts) <= 2 * min(counts)
 
 
+def chosen(plan: Plan) -> tuple[int | str, str]:
+    [(_, choice, _)] = [each for each in plan.decisions if each.what == "Newton's method"]
+    return plan.options.newton, choice
+
+
+def test_it_begins_at_once_where_it_is_cheap_and_late_where_it_is_not() -> None:
+    times = {"times": [1.0, 2.0]}
+    small, large = make_plan(blocks(4), **times), make_plan(blocks(10), **times)
+    assert chosen(small) == (1, "from the first steps") and "the flexibility of 432 unknowns takes" in str(small)
+    late, choice = chosen(large)
+    assert isinstance(late, int) and late > 100
+    assert choice == f"after {late} accelerated steps, or if they stagnate"
+    # a tight tolerance takes more iterations than a loose one
+    assert make_plan(blocks(7), **times, options=Options(rtol=1e-2)).options.newton > 1
+    assert make_plan(blocks(7), **times, options=Options(rtol=1e-12)).options.newton == 1
+    assert small.cost.memory > make_plan(blocks(4), **times, options=Options(newton=0)).cost.memory
+    for asked in (0, 1, 30):
+        assert make_plan(blocks(10), **times, options=Options(newton=asked)).options.newton == asked
+    springs = blocks(4).with_laws({"joint": Elastic(normal=1e4)})
+    linear = make_plan(springs, active=["joint"], **times)
+    assert linear.options.newton == 1 and "Newton" not in str(linear)
+
+
+def test_late_it_is_there_only_if_its_memory_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = blocks(10)
+    needs = make_plan(problem, times=[1.0, 2.0], options=Options(newton=0)).cost.direct
+    monkeypatch.setattr("dolfinx_frontend.plan.newton.available_memory", lambda: 1.01 * needs)
+    plan = make_plan(problem, times=[1.0, 2.0])
+    assert chosen(plan) == (0, "none") and "its flexibility would need" in str(plan)
+
+
+def test_late_it_goes_on_from_what_was_iterated() -> None:
+    problem, times = blocks(6), [1.0, 2.0]
+    options = Options(rtol=1e-8)
+    alone, early, late = (
+        solve(problem, times=times, options=options.with_(newton=newton)) for newton in (0, True, 25)
+    )
+    assert alone.converged and early.converged and late.converged
+    assert late.summary.newton_steps > 0 and alone.iterations > 25 + early.iterations
+    # the first iterations are those without it, and it starts from the last of them
+    before = [each.residual for each in alone.summary.history[:25]]
+    assert np.allclose([each.residual for each in late.summary.history[:25]], before, rtol=1e-6)
+    assert 25 < late.iterations <= 25 + early.iterations
+    assert energy_difference(problem, late, early) <= 3e-8
+    spent = late.spent()
+    assert late.summary.flexibility_s > 0.0 and "flexibility" in spent and "newton" in spent
+    assert "flexibility" not in alone.spent()
+
+
+def test_it_is_fetched_where_the_accelerated_iteration_stagnates() -> None:
+    problem, options = blocks(4), Options(rtol=1e-8, stagnation_window=3, relaxation=0.01, newton=400)
+    alone = solve(problem, times=[1.0, 2.0], options=options.with_(newton=0, stagnation_window=400))
+    result = solve(problem, times=[1.0, 2.0], options=options)
+    assert result.converged and result.summary.newton_steps > 0
+    assert result.iterations < min(100, alone.iterations)
+
+
 @pytest.mark.parametrize("operator", ["condensed", "factored"])
 def test_with_and_without_newton_it_is_the_same_answer(operator: Any) -> None:
     problem, rtol = blocks(6), 1e-7
-    options = Options(rtol=rtol, operator=operator)
+    options = Options(rtol=rtol, operator=operator, newton=True)
     result = solve(problem, times=[1.0, 2.0], options=options)
     alone = Options(rtol=1e-10, newton=0, max_iterations=5000)
     exact = solve(problem, times=[1.0, 2.0], options=alone)
@@ -60,7 +121,7 @@ def test_with_and_without_newton_it_is_the_same_answer(operator: Any) -> None:
     assert result.summary.newton_steps > 0 == exact.summary.newton_steps
     assert result.iterations <= 100
     # three times what the result says, as its estimate promises
-    assert reference.energy_difference(problem, result, exact) <= 3 * rtol
+    assert energy_difference(problem, result, exact) <= 3 * rtol
 
 
 MEASURED = """
@@ -80,7 +141,7 @@ def peak():  # bytes; ru_maxrss would be that of the process that started this o
     lines = Path("/proc/self/status").read_text().splitlines()
     return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 before = peak()
-result = solve(problem, times=np.linspace(0.05, 4.0, 80))
+result = solve(problem, times=np.linspace(0.05, 4.0, 80), options=Options(newton=True))
 assert result.converged and result.summary.newton_steps >= 80
 print(peak() - before, result.plan.cost.memory)
 """

@@ -37,10 +37,13 @@ class Options:
     stagnation_window
         Iterations without progress after which a run ends as ``"stagnated"``.
     newton
-        Whether Newton steps are mixed into the accelerated iteration, where a law is nonlinear and no column
+        Accelerated steps (2 at least) before Newton steps are mixed in, where a law is nonlinear and no column
         is transformed: on the dense flexibility of the interfaces where every body is condensed and that
-        matrix keeps to `memory_limit`, else by Gauss and Newton in a growing space of interface data. The
-        work of a step counts as iterations: on one of T columns 1/T of its stages. 0 or False: never.
+        matrix keeps to `memory_limit`, else by Gauss and Newton in a growing space of interface data. They
+        begin sooner where the accelerated iteration stagnates, and after half of `max_iterations` at the
+        latest. The work of a step counts as iterations: on one of T columns 1/T of its stages. 0 or False:
+        never; 1 or True: from the first steps; ``"automatic"``: by the Python frontend, when the iterations
+        so far have cost as much as the flexibility will; without it, 1.
     snapshots
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.
@@ -87,7 +90,7 @@ class Options:
     acceleration: int = _DEFAULT["acceleration"]
     relaxation: float = _DEFAULT["relaxation"]
     stagnation_window: int = _DEFAULT["stagnation_window"]
-    newton: int = _DEFAULT["newton"]
+    newton: int | Literal["automatic"] = "automatic"
     snapshots: int = _DEFAULT["snapshots"]
     together: int = _DEFAULT["together"]
     scatter: bool = _DEFAULT["scatter"]
@@ -129,7 +132,8 @@ class Options:
             self._count(name, least, most)
         if isinstance(self.newton, bool):
             object.__setattr__(self, "newton", int(self.newton))
-        self._count("newton", 0, None)
+        if not isinstance(self.newton, str) or self.newton != "automatic":
+            self._count("newton", 0, None, ", or 'automatic'")
         if not isinstance(self.scatter, bool):
             raise InputError(f"scatter is {self.scatter!r}: give True or False")
         for name, words in _WORDS.items():
@@ -144,12 +148,12 @@ class Options:
         if not real or isinstance(value, bool) or not holds(value):
             raise InputError(f"{name} is {value!r}: it must lie {where}")
 
-    def _count(self, name: str, least: int, most: int | None) -> None:
+    def _count(self, name: str, least: int, most: int | None, other: str = "") -> None:
         value = getattr(self, name)
         whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
         if not whole or value < least or (most is not None and value > most):
             wanted = f"at least {least}" if most is None else f"in {least}..{most}"
-            raise InputError(f"{name} is {value!r}: it must be a whole number, {wanted}")
+            raise InputError(f"{name} is {value!r}: it must be a whole number, {wanted}{other}")
 
 
 _COUNTS: tuple[tuple[str, int, int | None], ...] = (

@@ -11,7 +11,7 @@ namespace {
 
 /// From zero some averaged steps find most of what is open and closed. From elsewhere (another parameter set)
 /// accelerated steps often do alone, and cost less than factorisations: so many more for each of the unknowns as
-/// cost as much as a proposal, but no more than so many, or this fraction of all iterations.
+/// cost as much as a proposal, but no more than so many. None waits for more than this fraction of all iterations.
 constexpr Index steps_before = 2;
 constexpr double steps_per_unknown = 0.5;
 constexpr double most_worth = 300.0;
@@ -34,13 +34,13 @@ NewtonProposal::NewtonProposal(Metric metric, Solver solver, Residual residual)
       wait_(steps_before),
       wait_after_failure_(steps_after_failure) {}
 
-void NewtonProposal::begin(bool from_zero, Index unknowns, Index most_iterations) {
-  wait_ = steps_before;
+void NewtonProposal::begin(bool from_zero, Index unknowns, Index most_iterations, Index patience) {
+  auto wait = static_cast<double>(patience - steps_before);
   if (!from_zero) {
-    const double cost = std::min(steps_per_unknown * static_cast<double>(unknowns), most_worth);
-    const double room = share_of_iterations * static_cast<double>(most_iterations);
-    wait_ += static_cast<Index>(std::min(cost, room));
+    wait = std::max(wait, std::min(steps_per_unknown * static_cast<double>(unknowns), most_worth));
   }
+  const double room = share_of_iterations * static_cast<double>(most_iterations);
+  wait_ = steps_before + static_cast<Index>(std::clamp(wait, 0.0, room));
 }
 
 bool NewtonProposal::hurry() {

@@ -166,8 +166,8 @@ void Run::begin(bool traces_known) {
     }
     evaluate_start();
   }
-  newton_.begin(from_zero, structure_.total_unknowns(), options_.max_iterations);
-  safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
+  newton_.begin(from_zero, structure_.total_unknowns(), options_.max_iterations, options_.newton);
+  safeguard_.pause(from_zero && newton_.due_within(steps_from_zero) ? steps_from_zero : 0);
 }
 
 /// All columns of a chaos with linear laws at once, instead of the first steps. What it leaves is checked like any
@@ -413,7 +413,8 @@ void Run::propose() {
     const Timed timed(summary_.newton_s);
     outcome = newton_.propose(at());
   }
-  summary_.newton_s -= stages_.local_seconds() - before;
+  summary_.newton_s -= stages_.local_seconds() - before + outcome.flexibility_s;
+  summary_.flexibility_s += outcome.flexibility_s;
   newton_stages_ += static_cast<Index>(std::ceil(outcome.stages));
   summary_.newton_steps += outcome.steps;
 }
@@ -451,8 +452,8 @@ void Run::finish(Status status) {
   summary_.restarts = safeguard_.restarts();
   summary_.global_s = stages_.global_seconds();
   summary_.local_s = stages_.local_seconds();
-  summary_.other_s =
-      elapsed() - callback_s_ - summary_.global_s - summary_.local_s - summary_.newton_s;
+  summary_.other_s = elapsed() - callback_s_ - summary_.global_s - summary_.local_s -
+                     summary_.newton_s - summary_.flexibility_s;
 }
 
 /// What the factors of bodies leave, which no iteration sees: measured where it may decide and can be, else a bound.

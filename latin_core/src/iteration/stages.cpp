@@ -184,10 +184,17 @@ NewtonProposal::Solver Stages::newton(double tolerance) {
   }
   if (structure().has_flexibility()) {
     return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
+      double seconds = 0.0;
       if (!newton) {
+        {
+          const Timed timed(seconds);
+          static_cast<void>(structure().flexibility());
+        }
         newton = std::make_shared<Newton>(global_, amplitudes_);
       }
-      return newton->solve(state, tolerance);
+      NewtonOutcome outcome = newton->solve(state, tolerance);
+      outcome.flexibility_s = seconds;
+      return outcome;
     };
   }
   return [this, tolerance, system = std::shared_ptr<JoinedSystem>(),

@@ -14,6 +14,7 @@ struct NewtonOutcome {
   Index solved = 0;     ///< columns solved, from the first; the others stay as they were
   double stages = 0.0;  ///< work in global stages of all columns, the factorisations not counted
   Index steps = 0;      ///< Newton steps of single columns
+  double flexibility_s = 0.0;  ///< seconds of the flexibility of the bodies, where it was made
 };
 
 /// When Newton's method is tried, what it proposes, and whether the run follows.
@@ -35,11 +36,14 @@ class NewtonProposal {
   /// Wait before the first proposal, from a start that says little (zero) or much (other parameters).
   /// @param unknowns of the interfaces: what a proposal costs
   /// @param most_iterations that the run may take
-  void begin(bool from_zero, Index unknowns, Index most_iterations);
+  /// @param patience steps that cost no more than a proposal, see Options::newton
+  void begin(bool from_zero, Index unknowns, Index most_iterations, Index patience);
   /// Propose next if nothing has been proposed yet: the iteration alone does not end. @return whether it will
   bool hurry();
   /// Whether a proposal is to be made now.
-  [[nodiscard]] bool due() const { return possible() && wait_ == 0; }
+  [[nodiscard]] bool due() const { return due_within(0); }
+  /// Whether one is to be made after so many steps, or fewer.
+  [[nodiscard]] bool due_within(Index steps) const { return possible() && wait_ <= steps; }
   /// A step was taken without following.
   void count_step() { wait_ = wait_ > 0 ? wait_ - 1 : 0; }
 

@@ -55,10 +55,11 @@ struct Summary {
       0.0;  ///< u^T K u of the bodies and springs, or their strain energy if that is less, all columns
   double global_s = 0.0;
   double local_s = 0.0;
-  double newton_s = 0.0;   ///< tangents and dense systems of Newton steps
-  double other_s = 0.0;    ///< acceleration and error measure
-  Index newton_steps = 0;  ///< of single columns
-  Index restarts = 0;      ///< times the safeguard dropped the history
+  double flexibility_s = 0.0;  ///< the dense flexibility of Newton steps, where it was made
+  double newton_s = 0.0;       ///< tangents and dense systems of Newton steps
+  double other_s = 0.0;        ///< acceleration and error measure
+  Index newton_steps = 0;      ///< of single columns
+  Index restarts = 0;          ///< times the safeguard dropped the history
   std::vector<Iteration> history;
 };
 

@@ -1,0 +1,74 @@
+"""Program of test_mpi.py: Ctrl-C on the last rank while the others work or wait.
+
+``mpirun -n N python mpi_interrupt.py parts|points|outside...``
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+from mpi_chain import chain
+from mpi_points import TIGHT, made
+
+from dolfinx_frontend import LinearElastic, Options, assemble, monte_carlo, solve
+
+WORLD = MPI.COMM_WORLD
+LAST = WORLD.rank == WORLD.size - 1
+
+
+def press() -> None:
+    """Ctrl-C on the last rank alone."""
+    if LAST:
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def pressing(after: int) -> Callable[[Any], None]:
+    """A callback that does so once."""
+    count = 0
+
+    def callback(_: Any) -> None:
+        nonlocal count
+        count += 1
+        if count == after:
+            press()
+
+    return callback
+
+
+def parts() -> None:
+    """All ranks return the same iterate, and the next call is undisturbed."""
+    problem, options = assemble(chain((-0.05, 0.02), friction=0.4), comm=WORLD), Options(rtol=1e-11, newton=0)
+    result = solve(problem, options=options, callback=pressing(3), progress=False)
+    whole = solve(problem, options=options, progress=False)
+    assert result.status == "interrupted" and whole.converged, (result, whole)
+    assert len(set(WORLD.allgather(result.iterations))) == 1 and result.iterations in (2, 3, 4)
+    print(f"parts on rank {WORLD.rank}", flush=True)
+
+
+def points() -> None:
+    """Points over ranks: all return those that are finished, of the other ranks, too."""
+    result = monte_carlo(made("friction"), 60, options=TIGHT, points_comm=WORLD, callback=pressing(20))
+    assert result.status == "interrupted" and not result.complete
+    [told] = set(WORLD.allgather(repr(result).split(" (")[0]))
+    assert " of 60" in told, told
+    print(f"points on rank {WORLD.rank}", flush=True)
+
+
+def outside() -> None:
+    """Where there is nothing to return it ends all ranks."""
+    scene = chain((-0.05, 0.0))
+    scene.substructure("extra", press, LinearElastic(E=1.0, nu=0.3))  # of the last rank
+    assemble(scene, comm=WORLD)
+
+
+if __name__ == "__main__":
+    faulthandler.dump_traceback_later(60.0, exit=True)
+    for what in sys.argv[1:]:
+        {"parts": parts, "points": points, "outside": outside}[what]()
+    faulthandler.cancel_dump_traceback_later()
