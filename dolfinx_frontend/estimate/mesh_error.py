@@ -22,7 +22,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
-from latin_core import Laws, NumericalError, State
+from latin_core import Laws, State
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
@@ -36,6 +36,7 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
 from dolfinx_frontend.estimate.pieces import pieces_of
 from dolfinx_frontend.estimate.recovery import missed, recovery
+from dolfinx_frontend.estimate.transposed import Transposed
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.fitting import fitted
@@ -64,8 +65,6 @@ UNSIGNED = 0.5
 and 3: beside singular edges the signs of their recovered products are those of chance."""
 MOST_MODES, MOST_VARIANCE = 6, 0.98
 """Modes whose errors are estimated at most; the share of the variance from which on no more are."""
-REACH = 1e-6
-"""Of the difference quotients of the laws, relative to the largest displacement."""
 TANGENT_RTOL = 1e-7
 """Tolerance of the two answers whose difference is taken for it."""
 
@@ -501,8 +500,8 @@ class _Dual:
         Size of a change that moves the structure as much as the loads of the scene do.
     column
         Column of the kernel that is asked about.
-    reach
-        Of difference quotients of the laws, a displacement.
+    size
+        Of the displacements.
     """
 
     result: Result
@@ -511,7 +510,7 @@ class _Dual:
     lift: dict[str, Array]
     unit: float
     column: int
-    reach: float
+    size: float
 
     @classmethod
     def of(
@@ -557,11 +556,10 @@ class _Dual:
                 loads = _pull(problem, quantity, law)
         size = _largest(problem, fields)
         parts = [problem.parts[side.substructure] for side in problem.interfaces[name].sides]
-        unit_ = size or min(part.length for part in parts)
-        reach = REACH * unit_
+        size = unit_ = size or min(part.length for part in parts)
         if quantity.of == "jump":  # of forces, whose sum is 1
             unit_ *= min(part.modulus * part.length ** (part.dim - 2) for part in parts)
-        return cls(result, loads, jump, lift, unit_, _column(result, step), reach)
+        return cls(result, loads, jump, lift, unit_, _column(result, step), size)
 
     @classmethod
     def _of_point(cls, result: Result, at: AtPoint, step: int, fields: Mapping[str, Array]) -> _Dual:
@@ -569,11 +567,10 @@ class _Dual:
         load = np.zeros(part.size)
         unknowns, slopes = at.slopes(result.shown())
         load[unknowns] = slopes
-        unit = _largest(result.problem, fields) or part.length
-        reach = REACH * unit
+        size = unit = _largest(result.problem, fields) or part.length
         # forces of 1, or slopes of a stress, modulus / length
         unit *= part.length ** (part.dim - 1) * (1.0 if at.of == "stress" else part.modulus / part.length)
-        return cls(result, {part.name: load}, {}, {}, unit, _column(result, step), reach)
+        return cls(result, {part.name: load}, {}, {}, unit, _column(result, step), size)
 
     @property
     def amount(self) -> float:
@@ -589,7 +586,7 @@ class _Dual:
         with agreement(result.problem.comm):
             if self.loads and factor == 0.0:
                 raise SceneError("no load pattern acts at this time: choose another step")
-        if self._tangent_does():
+        if not _linear(result):
             found = self._with_transposed_slopes(laws, pattern, factor)
             if found is not None:
                 return found
@@ -610,86 +607,26 @@ class _Dual:
             out[name] = difference / self.amount + self.lift.get(name, 0.0)
         return out
 
-    def _tangent_does(self) -> bool:
-        """Whether the dual problem is one step with the slopes of nonlinear laws: loads act on what both
-        sides of an interface do, which one rank has to know."""
-        result = self.result
-        one = result.solver.space is None and (result.problem.comm is None or not self.loads)
-        return one and bool(result.solver.total_rows) and not _linear(result) and result.mean_state is not None
-
     def _with_transposed_slopes(self, laws: Laws, pattern: int, factor: float) -> dict[str, Array] | None:
-        """z by the slopes of the laws at the answer, transposed: None where these leave something free.
+        """z of nonlinear laws, by their slopes at the answer; None: these leave something free.
 
         The force of a point that slides follows the pressure, and the pressure not the force: with slopes as
         they are the answer to a jump would say that no error matters to the force.
         """
-        result = self.result
-        solver, amplitudes = result.solver, result.plan.amplitudes
-        state = result.mean_state
-        assert state is not None
-        data = np.asfortranarray(state.data)
-        traces = solver.global_stage(laws, data, amplitudes)
-        try:
-            tangent = solver.linearised(laws, State(data, traces), True)
-        except NumericalError:
+        result, c = self.result, self.column
+        solver, state, amplitudes = result.solver, result.mean_state, result.plan.amplitudes
+        one = solver.space is None and result.problem.comm is None
+        if state is None or not (one and solver.total_rows):
             return None
-        changed = laws.with_(extra_loads=self._extra(pattern, 1.0 / factor)) if self.loads else laws
-        right = np.zeros_like(data)
-        for name, jump in self.jump.items():
-            self._pulled_apart(laws, data, traces, name, jump, right)
-        if self.loads:
-            moved = solver.global_stage(changed, data, amplitudes) - traces
-            self._moved(laws, data, traces, moved, right)
-        if not np.all(np.isfinite(right)):
+        loaded = laws.with_(extra_loads=self._extra(pattern, 1.0 / factor)) if self.loads else None
+        made = Transposed(solver, laws, state.data, amplitudes, c, self.size)
+        found = made.answer(self.jump, loaded)
+        if found is None:
             return None
-        step, moved = tangent.correct(np.asfortranarray(right))
-        if not np.all(np.isfinite(step)):
-            return None
-        base = solver.displacements(laws, State(data, traces), amplitudes)
-        after = solver.displacements(changed, State(data + step, traces + moved), amplitudes)
-        c = self.column
-        return {n: after[n][:, c] - base[n][:, c] + self.lift.get(n, 0.0) for n in base}
-
-    def _pulled_apart(
-        self, laws: Laws, data: Array, traces: Array, name: str, jump: Array, right: Array
-    ) -> None:
-        """Add the residual (rows, columns) of an imposed jump (rows of the interface, 1) whose slopes are
-        transposed."""
-        solver = self.result.solver
-        count = len(jump) // self.result.problem.interfaces[name].num_points
-        given = laws.parameter(name, "jump")
-        sides = [slice(first, first + len(jump)) for first in solver.first_rows(name) if first >= 0]
-        for k in range(count):
-            unit = np.zeros((len(jump), 1))
-            unit[k::count] = self.reach
-            ends = [
-                solver.local_stage(laws.with_(parameters={name: {"jump": given + sign * unit}}), data, traces)
-                for sign in (1.0, -1.0)
-            ]
-            slope = (ends[0] - ends[1])[:, self.column] / (2.0 * self.reach)
-            for rows in sides:
-                both = (slope[rows] * jump[:, 0]).reshape(-1, count)
-                right[rows, self.column][k::count] += both.sum(axis=1)
-
-    def _moved(self, laws: Laws, data: Array, traces: Array, moved: Array, right: Array) -> None:
-        """Add the residual (rows, columns) of moved traces (rows, columns), slopes transposed."""
-        solver, c = self.result.solver, self.column
-        for name in self.result.plan.active:
-            size = len(solver.flexibility(name))
-            count = size // self.result.problem.interfaces[name].num_points
-            sides = [slice(first, first + size) for first in solver.first_rows(name)]
-            for side in sides:
-                for k in range(count):
-                    unit = np.zeros_like(traces)
-                    unit[side, c][k::count] = self.reach
-                    ends = [
-                        solver.local_stage(laws, data, np.asfortranarray(traces + sign * unit))
-                        for sign in (1.0, -1.0)
-                    ]
-                    slope = (ends[0] - ends[1])[:, c] / (2.0 * self.reach)
-                    for rows in sides:
-                        both = (slope[rows] * moved[rows, c]).reshape(-1, count)
-                        right[side, c][k::count] += both.sum(axis=1)
+        base = solver.displacements(laws, State(made.data, made.traces), amplitudes)
+        there = State(made.data + found[0], made.traces + found[1])
+        moved = solver.displacements(loaded or laws, there, amplitudes)
+        return {n: moved[n][:, c] - base[n][:, c] + self.lift.get(n, 0.0) for n in base}
 
     def _base(self, laws: Laws) -> State:
         """The state that the change starts from: that of the result where it is good enough."""
