@@ -24,10 +24,10 @@ from dolfinx_frontend.kernel.solver import Solver
 
 __all__ = ["Transposed"]
 
-ENOUGH, MOST_STEPS = 1e-4, 400
+ENOUGH, MOST_STEPS = 1e-3, 400
 """Residual of the dual problem, relative to its right-hand side, and the steps to it: an estimate needs no more."""
 
-NEARLY = 1e-2
+NEARLY = 2e-2
 """Residual with which it is of use."""
 
 REACH = 1e-6
