@@ -6,7 +6,7 @@ Units are those of the dimensions, millimetres by default.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from types import MappingProxyType
@@ -16,6 +16,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.geometry.finer import remeshable_model
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session, refine_around
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.sizes import SizeField
@@ -159,9 +160,9 @@ def lap_joint(size: str | float = "coarse", *, geometry_order: int = 2, **dimens
         raise SceneError(f"lap_joint: size = {size} must be positive and finite")
     parts: dict[str, Part] = {}
     for name in ("lower", "upper"):
-        parts |= _meshed_again(partial(_plate, shape, name, size, geometry_order))
+        parts |= remeshable_model(partial(_plate, shape, name, size, geometry_order))
     for number in (1, 2):
-        parts |= _meshed_again(partial(_bolt, shape, number, size, geometry_order))
+        parts |= remeshable_model(partial(_bolt, shape, number, size, geometry_order))
     interfaces = [Connection("plates", "contact", "lower:lap", "upper:lap")]
     for n in (1, 2):
         interfaces += [
@@ -179,20 +180,8 @@ def lap_joint(size: str | float = "coarse", *, geometry_order: int = 2, **dimens
     return LapJoint(parts, tuple(interfaces), MappingProxyType(parameters))
 
 
-def _meshed_again(mesh: Callable[..., dict[str, Part]]) -> dict[str, Part]:
-    """Parts that `mesh` makes, each of which it can make with other sizes."""
-
-    def again(name: str, sizes: SizeField | None) -> Part:
-        return mesh(sizes)[name]
-
-    return {
-        name: Part(part.mesh, part.facet_tags, part.names, partial(again, name))
-        for name, part in mesh().items()
-    }
-
-
 def _plate(
-    shape: LapShape, name: str, size: float, order: int, sizes: SizeField | None = None
+    shape: LapShape, name: str, size: float, order: int, sizes: Mapping[str, SizeField] | None
 ) -> dict[str, Part]:
     """One plate, in several volumes so that the rim of the seats is a line of the mesh."""
     sign = -1.0 if name == "lower" else 1.0
@@ -218,7 +207,7 @@ def _plate(
 
 
 def _bolt(
-    shape: LapShape, number: int, size: float, order: int, sizes: SizeField | None = None
+    shape: LapShape, number: int, size: float, order: int, sizes: Mapping[str, SizeField] | None
 ) -> dict[str, Part]:
     """Head, shank and nut of one bolt; they share the nodes of their common faces."""
     t, x = shape.thickness, shape.bolts[number - 1]
@@ -249,7 +238,7 @@ def _meshed(
     volumes: Mapping[str, Sequence[int]],
     size: float,
     order: int,
-    sizes: SizeField | None,
+    sizes: Mapping[str, SizeField] | None,
 ) -> dict[str, Part]:
     """Mesh the volumes, name their faces, and make parts of them."""
     model = gmsh.model
@@ -266,7 +255,7 @@ def _meshed(
             reach=shape.head_radius,
         )
     else:
-        sizes.set(gmsh)
+        SizeField.joined(sizes.values()).set(gmsh)
     try:
         model.mesh.generate(3)
         if order == 2:

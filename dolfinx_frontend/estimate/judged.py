@@ -60,7 +60,7 @@ from dolfinx_frontend.estimate.zones import (
 from dolfinx_frontend.plan.plan import Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
+from dolfinx_frontend.results.errors import ErrorShare, MeanStd, MeshStep, Place, share_of
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted
@@ -672,7 +672,6 @@ class Judged:
             self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
             return True
         std = self.chaos.mean_std(self.quantity).std or 0.0
-        left = max(left, self.said * std)
         self.share = replace(self.share, std=left)
         # of a deviation that is nothing beside the mean: relative to that
         self.said = max(self.said, share_of(left, max(std, self._least(1e-9))))
@@ -707,9 +706,9 @@ class Judged:
             )
             if self.fine is None:
                 return False
-            before = self.coarse.samples.mean_std(self.quantity).std or 0.0
+            before = self.coarse.samples.mean_std(self.quantity)
+            left_of_std = self._left_of_deviation(before, self.fine.samples.mean_std(self.quantity), of_mean)
             std = self.fine.samples.mean_std(self.quantity).std or 0.0
-            left_of_std = max(self._carried_on(before, std, 0), of_mean * std)
             self.share = replace(self.share, std=left_of_std)
             self.said = max(of_mean, share_of(left_of_std, max(std, self._least(1e-9))))
             if self.said > self.target or self.fine.made.total + self.said <= self.accuracy:
@@ -720,8 +719,23 @@ class Judged:
     def _left_of_std(self, old: ChaosResult, mesh: int) -> float:
         """What the change of the deviation since an earlier mesh, by its number, says of what is left."""
         assert self.chaos is not None and isinstance(self.quantity, Resultant)
-        before, after = (each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos))
-        return self._carried_on(before, after, mesh)
+        before, after = (each.mean_std(self.quantity) for each in (old, self.chaos))
+        return self._left_of_deviation(before, after, self.said, mesh)
+
+    def _left_of_deviation(
+        self, before: MeanStd, after: MeanStd, of_mean: float, mesh: int = 0
+    ) -> float:
+        """What is left of a deviation, by its change since an earlier mesh.
+
+        As much of it as the mean is off, where the whole number is off by a factor: then only what the deviation
+        has changed beside the mean is carried on.
+        """
+        std, old = after.std or 0.0, before.std or 0.0
+        left = self._carried_on(old, std, mesh)
+        if before.mean and abs(after.mean - before.mean) < 0.5 * abs(before.mean):
+            beside = self._carried_on(old * after.mean / before.mean, std, mesh)
+            left = min(left, of_mean * std + beside)
+        return max(left, of_mean * std)
 
     def _carried_on(self, before: float, after: float, mesh: int) -> float:
         """What the change of a deviation since an earlier mesh, by its number, says of what is left."""

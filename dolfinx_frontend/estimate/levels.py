@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from latin_core import Options
+from scipy.stats import norm
+from scipy.stats import t as student_t
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
@@ -61,6 +63,12 @@ MOST_DEGREE = 3
 
 LEAST = 4
 """Points of the fine mesh at least: two of them tell a line."""
+
+LEAST_REST, CERTAIN = 2, 0.975
+"""Points that a fit must leave over, and the probability at which what these few tell is made larger."""
+
+OF_TWO = 0.02
+"""Accuracy below which two points per germ do not tell enough of a change from mesh to mesh."""
 
 
 def of_two_meshes(
@@ -178,15 +186,15 @@ def coarse_points(
     return CoarsePoints(coarse, found, made, rtol)
 
 
-def _fewer(known: CoarsePoints) -> Iterator[tuple[Array, Array, bool, str]]:
+def _fewer(known: CoarsePoints, accuracy: float) -> Iterator[tuple[Array, Array, bool, str]]:
     """Points (n, L), weights (n,) of sum 1, whether these may be changed, and a name; few points first."""
     space, most = known.chaos.space, len(known.samples.germs)
-    for count in FEW:
+    for count in FEW if accuracy > OF_TWO else FEW[1:]:
         counts = [count if g.capacity is None else min(count, g.capacity) for g in space.germs]
         if np.prod(counts, dtype=float) > min(MOST_FEW, most):
             break
         rule = space.tensor_gauss(counts)
-        yield rule.points, np.asarray(rule.weights), False, f"{count} points per germ"
+        yield rule.points, np.asarray(rule.weights), count == FEW[0], f"{count} points per germ"
     for each in SAMPLES:
         if SETS * each >= most:
             break
@@ -234,7 +242,7 @@ def fine_points(
     exact = known.samples.mean_std(quantity)
     whole = whole_of(exact, 1e-10, quantity) or size_of(exact, quantity)
     solver = None
-    for points, weights, free, told in _fewer(known):
+    for points, weights, free, told in _fewer(known, accuracy):
         on_coarse = solved(known.chaos, points, weights, known.samples.plan.options.rtol, quantity)
         complete(on_coarse)
         coarse = quantity.at_end(on_coarse, on_coarse)
@@ -290,15 +298,19 @@ def _compared(
     root = np.sqrt(np.abs(weights))
     rows = np.stack([np.ones_like(coarse), coarse - coarse.mean()])
     line, *_ = np.linalg.lstsq((rows * root).T, values * root, rcond=None)
-    rest, count = values - line @ rows, len(rows)
+    rest = values - line @ rows
+    size_of_rest = _size_of_rest(rest, weights, len(rows))
     for degree in range(1, MOST_DEGREE + 1):
         psi = samples.space.basis(Chaos(order=degree)).evaluate(samples.germs)
-        if 2 * (psi.shape[1] + 1) > len(values):
+        count = psi.shape[1] + 1
+        if count + LEAST_REST > len(values):
             break
         both = np.column_stack([psi, coarse])
         smooth, *_ = np.linalg.lstsq(both * root[:, None], values * root, rcond=None)
-        rest, count = values - both @ smooth, both.shape[1]
-    size_of_rest = float(np.sqrt(np.sum(np.abs(weights) * rest**2) * len(values) / (len(values) - count)))
+        left = values - both @ smooth
+        size = _size_of_rest(left, weights, count)
+        if size < size_of_rest:
+            rest, size_of_rest = left, size
     doubt = SURE * size_of_rest * float(np.sqrt(np.sum(weights**2)))
     # the most important points and those that stand out, from nothing and tighter
     important = int(np.argmax(np.abs(weights) * (values - value.mean) ** 2))
@@ -330,6 +342,13 @@ def _compared(
         notes=known.made.notes,
         next_halving=f"twice the points, about {2.0 * seconds:.2g} s",
     )
+
+
+def _size_of_rest(rest: Array, weights: Array, terms: int) -> float:
+    """Root mean square of what a fit with so many terms leaves (n,), larger where it left few points over."""
+    free = len(rest) - terms
+    size = float(np.sqrt(np.sum(np.abs(weights) * rest**2) * len(rest) / free))
+    return size * float(student_t.ppf(CERTAIN, free) / norm.ppf(CERTAIN))
 
 
 def _again(samples: SampleResult, point: int, quantity: Resultant) -> SampleResult:

@@ -36,6 +36,7 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
 from dolfinx_frontend.estimate.pieces import pieces_of
 from dolfinx_frontend.estimate.recovery import ASTRAY, Doubts, recovery
+from dolfinx_frontend.estimate.transposed import Transposed
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.fitting import fitted
@@ -503,6 +504,8 @@ class _Dual:
         Size of a change that moves the structure as much as the loads of the scene do.
     column
         Column of the kernel that is asked about.
+    size
+        Of the displacements.
     """
 
     result: Result
@@ -511,6 +514,7 @@ class _Dual:
     lift: dict[str, Array]
     unit: float
     column: int
+    size: float
 
     @classmethod
     def of(
@@ -556,10 +560,10 @@ class _Dual:
                 loads = _pull(problem, quantity, law)
         size = _largest(problem, fields)
         parts = [problem.parts[side.substructure] for side in problem.interfaces[name].sides]
-        unit_ = size or min(part.length for part in parts)
+        size = unit_ = size or min(part.length for part in parts)
         if quantity.of == "jump":  # of forces, whose sum is 1
             unit_ *= min(part.modulus * part.length ** (part.dim - 2) for part in parts)
-        return cls(result, loads, jump, lift, unit_, _column(result, step))
+        return cls(result, loads, jump, lift, unit_, _column(result, step), size)
 
     @classmethod
     def _of_point(cls, result: Result, at: AtPoint, step: int, fields: Mapping[str, Array]) -> _Dual:
@@ -567,10 +571,10 @@ class _Dual:
         load = np.zeros(part.size)
         unknowns, slopes = at.slopes(result.shown())
         load[unknowns] = slopes
-        unit = _largest(result.problem, fields) or part.length
+        size = unit = _largest(result.problem, fields) or part.length
         # forces of 1, or slopes of a stress, modulus / length
         unit *= part.length ** (part.dim - 1) * (1.0 if at.of == "stress" else part.modulus / part.length)
-        return cls(result, {part.name: load}, {}, {}, unit, _column(result, step))
+        return cls(result, {part.name: load}, {}, {}, unit, _column(result, step), size)
 
     @property
     def amount(self) -> float:
@@ -586,6 +590,10 @@ class _Dual:
         with agreement(result.problem.comm):
             if self.loads and factor == 0.0:
                 raise SceneError("no load pattern acts at this time: choose another step")
+        if not _linear(result):
+            found = self._with_transposed_slopes(laws, pattern, factor)
+            if found is not None:
+                return found
         before = self._base(laws)
         base: Mapping[str, Array]
         if before is result.state and plan.times is None:
@@ -602,6 +610,27 @@ class _Dual:
             difference = moved[name][:, self.column] - base[name][:, self.column]
             out[name] = difference / self.amount + self.lift.get(name, 0.0)
         return out
+
+    def _with_transposed_slopes(self, laws: Laws, pattern: int, factor: float) -> dict[str, Array] | None:
+        """z of nonlinear laws, by their slopes at the answer; None: these leave something free.
+
+        The force of a point that slides follows the pressure, and the pressure not the force: with slopes as
+        they are the answer to a jump would say that no error matters to the force.
+        """
+        result, c = self.result, self.column
+        solver, state, amplitudes = result.solver, result.mean_state, result.plan.amplitudes
+        one = solver.space is None and result.problem.comm is None
+        if state is None or not (one and solver.total_rows):
+            return None
+        loaded = laws.with_(extra_loads=self._extra(pattern, 1.0 / factor)) if self.loads else None
+        made = Transposed(solver, laws, state.data, amplitudes, c, self.size)
+        found = made.answer(self.jump, loaded)
+        if found is None:
+            return None
+        base = solver.displacements(laws, State(made.data, made.traces), amplitudes)
+        there = State(made.data + found[0], made.traces + found[1])
+        moved = solver.displacements(loaded or laws, there, amplitudes)
+        return {n: moved[n][:, c] - base[n][:, c] + self.lift.get(n, 0.0) for n in base}
 
     def _base(self, laws: Laws) -> State:
         """The state that the change starts from: that of the result where it is good enough."""
@@ -649,11 +678,16 @@ class _Dual:
 
     def _changed(self, laws: Laws, pattern: int, factor: float) -> Laws:
         """The laws with the change; loads act by a pattern, which has this factor at the time."""
+        extra = self._extra(pattern, self.amount / factor)
+        return laws.with_(parameters=self._jumps(laws), extra_loads=extra)
+
+    def _extra(self, pattern: int, factor: float) -> dict[str, Array]:
+        """The loads as a pattern with a factor."""
         extra: dict[str, Array] = {}
         for name, load in self.loads.items():
             extra[name] = np.zeros((len(load), self.result.solver.loads), order="F")
-            extra[name][:, pattern] = self.amount / factor * load
-        return laws.with_(parameters=self._jumps(laws), extra_loads=extra)
+            extra[name][:, pattern] = factor * load
+        return extra
 
     def _jumps(self, laws: Laws) -> dict[str, dict[str, Array]]:
         """Jumps with the change."""

@@ -55,7 +55,7 @@ __all__ = ["solve_scene"]
 
 _log = logging.getLogger(__name__)
 
-OF_MESHES, OF_MESHES_RANDOM = 0.95, 0.6
+OF_MESHES, OF_MESHES_RANDOM = 0.95, 0.8
 """Shares of an accuracy that the meshes may use, which cost most; and where points answer what is random:
 with a kink the next digit costs them more than a finer mesh."""
 
@@ -220,13 +220,10 @@ class _Meshes(Judged):
     def _of_points(
         self, method: Method, options: Options, settings: Mapping[str, Any]
     ) -> SampleResult | None:
-        """The points of the last mesh, if few of them are enough."""
+        """The points of the last mesh, if few of them are enough; of linear laws its chaos is kept."""
         if self.fine is None or self.fine.samples.problem is not self.problem:
             # a budget has ended the search for meshes
-            problem = self.problem
-            assert problem is not None
-            linear = all(each.law.linear for each in problem.interfaces.values())
-            if linear or self.before is None or self.given_up:
+            if self.before is None or self.given_up:
                 return None
             others = {name: value for name, value in settings.items() if name != "options"}
             self._deviation_fits(method, options, others)

@@ -8,12 +8,14 @@ import dolfinx.fem as fem
 import numpy as np
 import pytest
 import ufl
+from latin_core import Options
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error as estimate
+from dolfinx_frontend.estimate.mesh_error import DiscretisationError, _Dual
+from dolfinx_frontend.estimate.mesh_error import discretisation_error as estimate
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.scene.amplitudes import Amplitude
@@ -29,6 +31,8 @@ from tests.verification import scenes
 
 RING = scenes.SplitRing()
 STEEL = LinearElastic(200.0, 0.3)
+TIGHT = Options(rtol=1e-10)
+MU = 0.25  # coefficient of friction
 
 
 def believed(estimated: float, true: float) -> None:
@@ -357,6 +361,46 @@ def test_histories(kind):
             believed(found.quantity, quantity.value(fine)[step] - found.value)
     with pytest.raises(SceneError, match="there is no step 3, the history has 3"):
         estimate(rough, step=3)
+
+
+def pressed_and_slid(n: int, body: float = 0.0) -> Problem:
+    """A block that is pressed down through springs, shifted and slides on another one."""
+    scene = Scene()
+    scene.substructure("low", geometry.box((3.0, 1.0), (3 * n, n), cell="triangle"), STEEL, degree=1)
+    up = geometry.box((2.0, 1.0), (2 * n, n), (0.5, 1.0), cell="triangle")
+    scene.substructure("up", up, STEEL, degree=1, body_force=(0.3 * body, -2.0 * body))
+    scene.interface("joint", "up:y0", "low:y1", Contact(friction=MU), overlap="partial")
+    scene.interface("press", "up:y1", Elastic(normal=40.0, tangential=20.0, jump=(0.2, 0.3)))
+    scene.fix("low:y0")
+    return assemble(scene)
+
+
+def test_error_of_a_sliding_force_is_that_of_its_pressure() -> None:
+    """Where everything slides a force is mu times the pressure, and so is its error."""
+    result = solve(pressed_and_slid(2), options=TIGHT)
+    pressure, friction = (estimate(result, Resultant("joint", component=k)) for k in (0, 1))
+    assert pressure.value is not None and friction.value is not None
+    sign = MU * np.sign(friction.value / pressure.value)
+    assert friction.value == pytest.approx(sign * pressure.value, rel=1e-6)
+    assert pressure.correction is not None and friction.correction is not None
+    # both dual problems to 1e-3
+    assert friction.correction == pytest.approx(sign * pressure.correction, rel=1e-2)
+    fine = Resultant("joint", component=1).value(solve(pressed_and_slid(16), options=TIGHT))
+    believed(friction.quantity, float(fine) - friction.value)
+
+
+@pytest.mark.parametrize("quantity", [Resultant("joint", component=1), Resultant("joint", "jump", 1)])
+def test_dual_of_friction_is_the_derivative(quantity: Resultant) -> None:
+    """The work of a small load on the dual solution is what it changes of the quantity."""
+    step = 1e-3
+    ends = [quantity.value(solve(pressed_and_slid(2, sign * step), options=TIGHT)) for sign in (1, -1)]
+    result = solve(pressed_and_slid(2), options=TIGHT)
+    fields = dict(result.displacements)
+    dual = _Dual.of(result, quantity, -1, fields)
+    assert dual is not None
+    load = pressed_and_slid(2, 1.0).substructures["up"].load
+    # differences of second order, and a dual problem to 1e-3
+    assert float(dual.solve()["up"] @ load) == pytest.approx((ends[0] - ends[1]) / (2.0 * step), rel=1e-2)
 
 
 def layered(n: int, stiffness: Any) -> Problem:
