@@ -25,9 +25,9 @@ if worker := os.environ.get("PYTEST_XDIST_WORKER"):
 LONG = (
     "kernel/test_mpi.py",
     "io/test_edited.py",
-    "verification/test_campaign_cases.py",
     "project/test_demos.py",
     "project/test_install.py",
+    "verification/test_campaign_cases.py",  # on two cores: not beside the ranks
     "project/test_docs.py",
     "kernel/test_mpi_points.py",
     "io/test_export.py",
