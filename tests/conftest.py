@@ -23,16 +23,22 @@ if worker := os.environ.get("PYTEST_XDIST_WORKER"):
 
 # What takes longest begins first, so that no worker is left with it at the end; pages and demos one by one.
 LONG = (
-    "project/test_install.py",
     "kernel/test_mpi.py",
+    "io/test_edited.py",
     "project/test_demos.py",
+    "project/test_install.py",
+    "verification/test_campaign_cases.py",  # on two cores: not beside the ranks
     "project/test_docs.py",
     "kernel/test_mpi_points.py",
-    "geometry/test_step.py",
-    "verification/test_iterations.py",
-    "geometry/test_away.py",
-    "extremes/test_hostile.py",
     "io/test_export.py",
+    "extremes/test_faults.py",
+    "verification/test_chaos.py",
+    "verification/test_campaign.py",
+    "project/test_session.py",
+    "verification/test_iterations.py",
+    "geometry/test_step.py",
+    "geometry/test_away.py",
+    "geometry/test_stacks.py",
 )
 BY_TEST = ("project/test_demos.py", "project/test_docs.py")
 
@@ -45,17 +51,19 @@ def pytest_xdist_make_scheduler(config: Any, log: Any) -> Any:
     from xdist.scheduler import LoadFileScheduling
 
     class LongestFirst(LoadFileScheduling):
+        ordered = False
+
         def _split_scope(self, nodeid: str) -> str:
             file = super()._split_scope(nodeid)
             return nodeid if file.endswith(BY_TEST) else file
 
-        def schedule(self) -> None:
-            begins = self.collection is None
-            super().schedule()
-            if begins:
-                rank = {scope: place(scope) for scope in self.workqueue}
-                for scope in sorted(rank, key=lambda scope: -rank[scope]):
+        def _assign_work_unit(self, node: Any) -> None:
+            if not self.ordered:  # all files are in the queue, and none is given out yet
+                self.ordered = True
+                long = [scope for scope in self.workqueue if place(scope) < len(LONG)]
+                for scope in sorted(long, key=place, reverse=True):
                     self.workqueue.move_to_end(scope, last=False)
+            super()._assign_work_unit(node)
 
     def place(scope: str) -> int:
         file = scope.partition("::")[0]

@@ -154,7 +154,7 @@ Edit = Callable[[Any], None]
 
 
 def edits(path: Path, place: str, name: str) -> Iterator[tuple[str, Edit]]:
-    """What is done to an entry: renamed (it is missing, and another is too much), of another kind or shape."""
+    """What is done to an entry: renamed (one is missing, one too much), of another kind, of another shape."""
     with h5py.File(path) as file:
         node = file[place] if place else file
         value = node.attrs[name] if name else None if isinstance(node, h5py.Group) else node[()]
