@@ -23,7 +23,7 @@ __all__ = ["Newton", "fitting", "newton_of"]
 
 _DENSE = 25e9
 """Operations a second of the flexibility and its factors, on the core of the other rates."""
-_READ, _SOLVE = 7e9, 12e9
+_READ, _SOLVE = 10e9, 12e9
 """Bytes a second of dense factors that solve for one or two columns, operations a second for many."""
 _OF_BODY, _OF_SYSTEM = 10.0 / 3.0, 2.0 / 3.0
 """Operations over the third power: of a body (a product, its factor, a solution, and a product), of an LU."""
@@ -91,7 +91,7 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
         return Newton(int(options.newton) if asked else 1)
     seconds = work.flops / _DENSE
     saved = NONLINEAR * log10(1.0 / options.rtol) / 4.0
-    steps = max(int(seconds / work.iteration), 1)
+    steps = min(max(int(seconds / work.iteration), 1), options.max_iterations // 2)
     if asked:
         steps = int(options.newton)
     elif steps <= saved or seconds <= _SMALL * work.factor:

@@ -14,6 +14,7 @@
 #include "latin/algebra/eigenvectors.hpp"
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/algebra/trailing.hpp"
+#include "latin/algebra/triangle.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
@@ -913,8 +914,7 @@ void Body::apply(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const {
   }
   Eigen::Map<Matrix> unknowns = work.unknowns.shaped(active_, data.cols());
   multiply_sparse(active_loads_, data, unknowns);
-  condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns);
-  condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);
+  algebra::solve_with_triangle(condensed_, unknowns);
   multiply_sparse(active_traces_, unknowns, traces);
 }
 
@@ -1114,8 +1114,7 @@ Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
   if (inverse != nullptr) {
     by_stage = *inverse * by_stage;
   } else if (condensed()) {
-    condensed_.triangularView<Eigen::Lower>().solveInPlace(by_stage);
-    condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(by_stage);
+    algebra::solve_with_triangle(condensed_, by_stage);
   } else {
     Matrix all = Matrix::Zero(size_, data.cols());
     all.bottomRows(active_) = by_stage;
