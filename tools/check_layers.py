@@ -187,6 +187,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "cells",
         "unseen",
         "pieces",
+        "transposed",
         "mesh_error",
         "errors",
         "points",

@@ -663,7 +663,7 @@ class Judged:
             old, self.chaos = self.chaos, self._chaos_on(self.problem, method, options, settings)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)
-            if left > self.target * (self.chaos.mean_std(self.quantity).std or 0.0):
+            if left > max(self.target, self.said) * (self.chaos.mean_std(self.quantity).std or 0.0):
                 if old is None or old.problem is not self.before:
                     old = self._first_chaos(self.before, method, options, settings)
                 left = min(left, self._left_of_std(old, len(self.steps) - 2))
@@ -721,13 +721,11 @@ class Judged:
         before, after = (each.mean_std(self.quantity) for each in (old, self.chaos))
         return self._left_of_deviation(before, after, self.said, mesh)
 
-    def _left_of_deviation(
-        self, before: MeanStd, after: MeanStd, of_mean: float, mesh: int = 0
-    ) -> float:
+    def _left_of_deviation(self, before: MeanStd, after: MeanStd, of_mean: float, mesh: int = 0) -> float:
         """What is left of a deviation, by its change since an earlier mesh.
 
-        As much of it as the mean is off, where the whole number is off by a factor: then only what the deviation
-        has changed beside the mean is carried on.
+        As much of it as the mean is off, where the whole number is off by a factor: then only what the
+        deviation has changed beside the mean is carried on.
         """
         std, old = after.std or 0.0, before.std or 0.0
         left = self._carried_on(old, std, mesh)
