@@ -26,7 +26,7 @@ from dolfinx_frontend.kernel.solver import Solver
 __all__ = ["Transposed"]
 
 ENOUGH, MOST_STEPS = 1e-3, 400
-"""Residual of the dual problem relative to its right-hand side, as far as an estimate needs it; most steps."""
+"""Residual of the dual problem relative to its right-hand side, enough for an estimate; most steps."""
 
 NEARLY = 2e-2
 """Residual with which it is of use."""
