@@ -188,6 +188,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "cells",
         "unseen",
         "pieces",
+        "transposed",
         "mesh_error",
         "errors",
         "points",

@@ -21,7 +21,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt
 from dolfinx_frontend.common.progress import progress as bars
-from dolfinx_frontend.estimate.adaptive import NOT_YET
+from dolfinx_frontend.estimate.adaptive import FEW_GERMS, NOT_YET
 from dolfinx_frontend.estimate.cells import Cells, cells_of
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
@@ -51,6 +51,7 @@ from dolfinx_frontend.estimate.zones import (
     RESOLVED,
     SEEN,
     acted,
+    all_values_of,
     contact_edges,
     loading,
     parts_read,
@@ -68,6 +69,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import chaos_on, solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
 __all__ = ["MARGIN", "Judged"]
 
@@ -109,6 +111,9 @@ OF_DEVIATION = 1.5
 
 ACTS = 2.0
 """How much more must be of the quantity with loads one deviation off their means to look at it there."""
+
+FOLLOWS = 1.5
+"""Errors away from the means, relative to the one there, up to which they are taken to follow it."""
 
 LESS = 0.8
 """Share of what the meshes leave of the accuracy that is asked of points."""
@@ -175,6 +180,7 @@ class Judged:
         self.plain = True
         self.coarse: CoarsePoints | None = None
         self.fine: FinePoints | None = None
+        self.worst: tuple[Array, float] | None = None
         self.norms: list[float] = []
         self.largest = 0.0
         self.given_up = False
@@ -245,6 +251,9 @@ class Judged:
             elif isfinite(of_std):
                 self.cells = {n: of_mean * c + of_std * of_loads.cells[n] for n, c in self.cells.items()}
             estimate, sure = max(estimate, largest), max(sure, share_of(of_loads.bound, of_loads.std))
+        if of_quantity:
+            apart = self._apart_from_the_means(result, found, method, options, settings)
+            estimate, sure = max(estimate, apart), max(sure, apart)
         estimate, sure = estimate + of_unseen, sure + of_unseen + stays
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         self.by_part.append({name: float(each.sum()) for name, each in self.cells.items()})
@@ -375,6 +384,94 @@ class Judged:
                 farthest, chosen = size, self.acting
         self.acting = chosen
         return bool(chosen)
+
+    def _apart_from_the_means(
+        self,
+        result: Result,
+        found: DiscretisationError,
+        method: Method,
+        options: Options,
+        settings: Mapping[str, Any],
+    ) -> float:
+        """Relative error of mean and deviation by errors of the meshes away from the means, 0.0 where they follow
+        the one there: a point that sticks has another error than one that slides.
+
+        On the first mesh on both sides of every germ, at the points of a Gauss rule; later only where that is
+        worst. What contributes there guides the meshes, too.
+        """
+        problem = result.problem
+        random = RandomLaws.of(problem)
+        curved = any(not each.law.linear for each in problem.interfaces.values())
+        wanted = self.steps and self.worst is None
+        few = 0 < random.space.dimension <= FEW_GERMS
+        fields = any(isinstance(each, DiscretisedField) for each in random.sources.values())
+        if wanted or self.acting or fields or not (self.random and curved and few):
+            return 0.0
+        assert isinstance(self.quantity, Resultant) and found.value is not None and found.correction is not None
+
+        def there(point: Array) -> DiscretisationError | None:
+            try:
+                made = self._at_values(result, all_values_of(random, point), method, options, settings)
+                return self._measured(made) if made.converged else None
+            except SceneError:
+                return None  # what is pulled off may move freely
+
+        whole = self._size(found.value)
+        if self.worst is None:
+            best, variance, of_std, of_mean = 0.0, 0.0, 0.0, found.correction
+            for germ in range(random.space.dimension):
+                sides = []
+                for sign in (-1.0, 1.0):
+                    score = np.zeros((1, random.space.dimension))
+                    score[0, germ] = sign * np.sqrt(3.0)
+                    point = random.space.from_normal(score)
+                    each = there(point)
+                    if each is None or each.value is None or each.correction is None:
+                        return 0.0
+                    sides.append((point, each.value, each.correction, each))
+                mean = found.value * 2.0 / 3.0 + sum(value for _, value, _, _ in sides) / 6.0
+                off = 2.0 / 3.0 * (found.value - mean) * found.correction
+                variance += 2.0 / 3.0 * (found.value - mean) ** 2
+                for point, value, correction, each in sides:
+                    variance += (value - mean) ** 2 / 6.0
+                    off += (value - mean) * correction / 6.0
+                    of_mean += (correction - found.correction) / 6.0
+                    weight = abs(value - mean) / 6.0
+                    if abs(correction) * weight > best:
+                        best, worst = abs(correction) * weight, (point, weight, each)
+                of_std += abs(off)
+            if not variance > 0.0 or not best > 0.0:
+                return 0.0
+            error = max(of_std / variance, share_of(abs(of_mean), whole))
+            if error <= FOLLOWS * share_of(found.quantity or 0.0, whole):
+                return 0.0
+            self.worst = worst[0], worst[1] / variance
+            at_worst: DiscretisationError | None = worst[2]
+        else:
+            at_worst = there(self.worst[0])
+            if at_worst is None or at_worst.quantity is None:
+                return 0.0
+            error = share_of(found.seen, whole) + self.worst[1] * at_worst.quantity
+        cells = problem.gather(at_worst.cells, parts=True)
+        of_mean = share_of(1.0, whole)
+        self.cells = {n: of_mean * c + self.worst[1] * cells[n] for n, c in self.cells.items()}
+        return error
+
+    def _at_values(
+        self,
+        result: Result,
+        values: Mapping[str, Any],
+        method: Method,
+        options: Options,
+        settings: Mapping[str, Any],
+    ) -> Result:
+        """The answer at values of what is random, from the one at the means."""
+        problem = result.problem.with_laws(values=dict(values))
+        kept = {**settings, "active": list(result.plan.active)}
+        plan = make_plan(problem, method, options=self._later(options, result), **kept)
+        found = solve_once(problem, plan, estimator=errors, before=result, progress=False)
+        complete(found)
+        return found
 
     def _of_random_loads(
         self, method: Method, options: Options, settings: Mapping[str, Any]
@@ -664,7 +761,7 @@ class Judged:
             old, self.chaos = self.chaos, self._chaos_on(self.problem, method, options, settings)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)
-            if left > self.target * (self.chaos.mean_std(self.quantity).std or 0.0):
+            if left > max(self.target, self.said) * (self.chaos.mean_std(self.quantity).std or 0.0):
                 if old is None or old.problem is not self.before:
                     old = self._first_chaos(self.before, method, options, settings)
                 left = min(left, self._left_of_std(old, len(self.steps) - 2))
@@ -722,13 +819,11 @@ class Judged:
         before, after = (each.mean_std(self.quantity) for each in (old, self.chaos))
         return self._left_of_deviation(before, after, self.said, mesh)
 
-    def _left_of_deviation(
-        self, before: MeanStd, after: MeanStd, of_mean: float, mesh: int = 0
-    ) -> float:
+    def _left_of_deviation(self, before: MeanStd, after: MeanStd, of_mean: float, mesh: int = 0) -> float:
         """What is left of a deviation, by its change since an earlier mesh.
 
-        As much of it as the mean is off, where the whole number is off by a factor: then only what the deviation
-        has changed beside the mean is carried on.
+        As much of it as the mean is off, where the whole number is off by a factor: then only what the
+        deviation has changed beside the mean is carried on.
         """
         std, old = after.std or 0.0, before.std or 0.0
         left = self._carried_on(old, std, mesh)

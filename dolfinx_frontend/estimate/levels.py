@@ -22,7 +22,7 @@ from scipy.stats import t as student_t
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.estimate.adaptive import TIGHT, solve_to_accuracy
+from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import FINEST, complete, errors, next_halving, size_of, whole_of
 from dolfinx_frontend.estimate.points import SETS, SURE, calibrated, solved, wide_points
 from dolfinx_frontend.kernel.fitting import solver_of
@@ -55,8 +55,9 @@ MOST_FEW = 128
 SAMPLES = (4, 8, 16, 32, 64, 128)
 """Samples of each set that may do there."""
 
-LOOSEST_FINE = 1e-5
-"""Loosest tolerance of points that are compared with those of another mesh."""
+TIGHT_FINE, LOOSEST_FINE = 3e-2, 1e-5
+"""Tolerance of points that are compared with those of another mesh, relative to the accuracy of the
+deviation, and the loosest: what a point is off there stands out."""
 
 MOST_DEGREE = 3
 """Of polynomials that tell what of a change from mesh to mesh is smooth."""
@@ -182,7 +183,7 @@ def coarse_points(
     spread = min(share_of(max(value.std or 0.0, quantity.compared.least), value.mean), 1.0)
     if not spread > 0.0:
         return None
-    rtol = float(np.clip(TIGHT * accuracy * spread, FINEST, LOOSEST_FINE))
+    rtol = float(np.clip(TIGHT_FINE * accuracy * spread, FINEST, LOOSEST_FINE))
     return CoarsePoints(coarse, found, made, rtol)
 
 

@@ -1,12 +1,13 @@
 """The dual problem of a structure with nonlinear laws: the slopes of its laws at an answer, transposed.
 
-With data s and traces w = G s of the interface rows, k the search directions and e = +-1 on both sides, the residual
-of a law with the slope R of its force by the free jump changes by
+With data s and traces w = G s of the interface rows, k the search directions and e = +-1 on both sides, the
+residual of a law with the slope R of its force by the free jump changes by
 
     dr = -ds - N (ds / k - 2 dw),      N = k - 2 e R e'.
 
-The bodies are their own adjoints, so that the dual problem has R' in the place of R. Of linear laws R is symmetric;
-where a contact slides it is not: its friction follows the pressure, and the pressure does not follow the friction.
+The bodies are their own adjoints, so that the dual problem has R' in the place of R. Of linear laws R is
+symmetric; where a contact slides it is not: its friction follows the pressure, and the pressure does not
+follow the friction.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from dolfinx_frontend.kernel.solver import Solver
 __all__ = ["Transposed"]
 
 ENOUGH, MOST_STEPS = 1e-3, 400
-"""Residual of the dual problem, relative to its right-hand side, and the steps to it: an estimate needs no more."""
+"""Residual of the dual problem relative to its right-hand side, enough for an estimate; most steps."""
 
 NEARLY = 2e-2
 """Residual with which it is of use."""
@@ -134,8 +135,8 @@ class Transposed:
     def _sides(self, name: str) -> tuple[tuple[slice, ...], int]:
         """Rows of the sides of an interface, and its components."""
         size = len(self.solver.flexibility(name))
-        firsts = self.solver.first_rows(name)
-        return tuple(slice(f, f + size) for f in firsts), size // self.solver.problem.interfaces[name].num_points
+        sides = tuple(slice(first, first + size) for first in self.solver.first_rows(name))
+        return sides, size // self.solver.problem.interfaces[name].num_points
 
     def _slopes(self, name: str) -> _Slopes:
         rows, count = self._sides(name)
@@ -157,10 +158,8 @@ class Transposed:
         for k in range(count):
             unit = np.zeros((len(jump), 1))
             unit[k::count] = self.reach
-            ends = [
-                self._local(nothing, nothing, self.laws.with_(parameters={name: {"jump": given + sign * unit}}))
-                for sign in (1.0, -1.0)
-            ]
-            slope = (ends[0] - ends[1]) / (2.0 * self.reach)
+            ends = [{name: {"jump": given + sign * unit}} for sign in (1.0, -1.0)]
+            above, below = (self._local(nothing, nothing, self.laws.with_(parameters=each)) for each in ends)
+            slope = (above - below) / (2.0 * self.reach)
             for side in rows:
                 right[side][k::count] += (slope[side] * jump[:, 0]).reshape(-1, count).sum(axis=1)

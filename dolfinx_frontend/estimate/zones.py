@@ -31,6 +31,7 @@ __all__ = [
     "RESOLVED",
     "SEEN",
     "acted",
+    "all_values_of",
     "contact_edges",
     "loading",
     "parts_read",
@@ -184,11 +185,16 @@ def loading(random: RandomLaws) -> list[tuple[str, Source]]:
     ]
 
 
-def values_of(random: RandomLaws, xi: Array) -> dict[str, Any]:
+def all_values_of(random: RandomLaws, xi: Array) -> dict[str, Any]:
+    """Values of what is random at a point (1, L) of the germs, stiffnesses of interfaces, too."""
+    return values_of(random, xi, stiffnesses=True)
+
+
+def values_of(random: RandomLaws, xi: Array, stiffnesses: bool = False) -> dict[str, Any]:
     """Values of random loads at a point (1, L) of the germs."""
     values: dict[str, Any] = {}
     for (name, parameter), source in random.sources.items():
-        if parameter in random.problem.interfaces[name].law.spans:
+        if parameter in random.problem.interfaces[name].law.spans and not stiffnesses:
             continue
         drawn = random.space.values(source, xi)
         value: Any = drawn[:, 0] if isinstance(source, DiscretisedField) else float(drawn[0])
