@@ -448,7 +448,7 @@ class Judged:
             scores = np.zeros((2, random.space.dimension))
             scores[:, germ] = -np.sqrt(3.0), np.sqrt(3.0)
             points = random.space.from_normal(scores)
-            sides = [there(point[None]) for point in points]
+            sides = [there(points[k : k + 1]) for k in range(2)]
             if any(each is None for each in sides):
                 return 0.0, None
             rule = [(found, 2.0 / 3.0), *((each, 1.0 / 6.0) for each in sides if each is not None)]
@@ -458,10 +458,10 @@ class Judged:
             left = sum(w * (each.correction or 0.0) for w, (each, _) in zip(off, rule, strict=True))
             of_variance += abs(left)
             of_mean += sum(weight * ((each.correction or 0.0) - correction) for each, weight in rule)
-            for point, weight, (each, _) in zip(points, off[1:], rule[1:], strict=True):
+            for k, (weight, (each, _)) in enumerate(zip(off[1:], rule[1:], strict=True)):
                 size = abs(weight * (each.correction or 0.0))
                 if size > largest:
-                    largest, worst = size, (point[None], abs(weight), each)
+                    largest, worst = size, (points[k : k + 1], abs(weight), each)
         if worst is None or not variance > 0.0:
             return 0.0, None
         whole = self._size(value)
