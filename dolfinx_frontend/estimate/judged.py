@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from math import isfinite
@@ -142,6 +142,9 @@ class Judged:
         What holds Ctrl-C back once there is an answer, which has been measured unless it is the first.
     meshes, cells
         Part -> its cells, and what each contributes: of all parts, on all ranks.
+    worst
+        Point (1, L) of the germs where the meshes do most to the deviation, and the relative error of this by
+        an error of 1 there; None: nothing but what they do at the means.
     comm
         The communicator of the user's whose ranks share the parts; None: there is one.
     """
@@ -393,8 +396,8 @@ class Judged:
         options: Options,
         settings: Mapping[str, Any],
     ) -> float:
-        """Relative error of mean and deviation by errors of the meshes away from the means, 0.0 where they follow
-        the one there: a point that sticks has another error than one that slides.
+        """Relative error of mean and deviation by errors of the meshes away from the means, 0.0 where they
+        follow the one there: a point that sticks has another error than one that slides.
 
         On the first mesh on both sides of every germ, at the points of a Gauss rule; later only where that is
         worst. What contributes there guides the meshes, too.
@@ -402,12 +405,11 @@ class Judged:
         problem = result.problem
         random = RandomLaws.of(problem)
         curved = any(not each.law.linear for each in problem.interfaces.values())
-        wanted = self.steps and self.worst is None
+        follows = self.steps and self.worst is None
         few = 0 < random.space.dimension <= FEW_GERMS
         fields = any(isinstance(each, DiscretisedField) for each in random.sources.values())
-        if wanted or self.acting or fields or not (self.random and curved and few):
+        if follows or self.acting or fields or not (self.random and curved and few):
             return 0.0
-        assert isinstance(self.quantity, Resultant) and found.value is not None and found.correction is not None
 
         def there(point: Array) -> DiscretisationError | None:
             try:
@@ -416,46 +418,59 @@ class Judged:
             except SceneError:
                 return None  # what is pulled off may move freely
 
-        whole = self._size(found.value)
+        of_mean = share_of(1.0, self._size(found.value))
         if self.worst is None:
-            best, variance, of_std, of_mean = 0.0, 0.0, 0.0, found.correction
-            for germ in range(random.space.dimension):
-                sides = []
-                for sign in (-1.0, 1.0):
-                    score = np.zeros((1, random.space.dimension))
-                    score[0, germ] = sign * np.sqrt(3.0)
-                    point = random.space.from_normal(score)
-                    each = there(point)
-                    if each is None or each.value is None or each.correction is None:
-                        return 0.0
-                    sides.append((point, each.value, each.correction, each))
-                mean = found.value * 2.0 / 3.0 + sum(value for _, value, _, _ in sides) / 6.0
-                off = 2.0 / 3.0 * (found.value - mean) * found.correction
-                variance += 2.0 / 3.0 * (found.value - mean) ** 2
-                for point, value, correction, each in sides:
-                    variance += (value - mean) ** 2 / 6.0
-                    off += (value - mean) * correction / 6.0
-                    of_mean += (correction - found.correction) / 6.0
-                    weight = abs(value - mean) / 6.0
-                    if abs(correction) * weight > best:
-                        best, worst = abs(correction) * weight, (point, weight, each)
-                of_std += abs(off)
-            if not variance > 0.0 or not best > 0.0:
-                return 0.0
-            error = max(of_std / variance, share_of(abs(of_mean), whole))
-            if error <= FOLLOWS * share_of(found.quantity or 0.0, whole):
-                return 0.0
-            self.worst = worst[0], worst[1] / variance
-            at_worst: DiscretisationError | None = worst[2]
+            error, at_worst = self._along_germs(random, found, there)
         else:
             at_worst = there(self.worst[0])
-            if at_worst is None or at_worst.quantity is None:
-                return 0.0
-            error = share_of(found.seen, whole) + self.worst[1] * at_worst.quantity
+            whole = 0.0 if at_worst is None else at_worst.quantity or 0.0
+            error = of_mean * found.seen + self.worst[1] * whole
+        if at_worst is None or self.worst is None:
+            return 0.0
         cells = problem.gather(at_worst.cells, parts=True)
-        of_mean = share_of(1.0, whole)
         self.cells = {n: of_mean * c + self.worst[1] * cells[n] for n, c in self.cells.items()}
         return error
+
+    def _along_germs(
+        self,
+        random: RandomLaws,
+        found: DiscretisationError,
+        there: Callable[[Array], DiscretisationError | None],
+    ) -> tuple[float, DiscretisationError | None]:
+        """Relative error of mean and deviation by those at the points of a Gauss rule of three points along
+        each germ, and the one that does most to the deviation; None: that at the means says enough.
+
+        Keeps the point of that, and what an error there does to the deviation.
+        """
+        value, correction = found.value or 0.0, found.correction or 0.0
+        largest, variance, of_variance, of_mean = 0.0, 0.0, 0.0, correction
+        worst: tuple[Array, float, DiscretisationError] | None = None
+        for germ in range(random.space.dimension):
+            scores = np.zeros((2, random.space.dimension))
+            scores[:, germ] = -np.sqrt(3.0), np.sqrt(3.0)
+            points = random.space.from_normal(scores)
+            sides = [there(points[k : k + 1]) for k in range(2)]
+            if any(each is None for each in sides):
+                return 0.0, None
+            rule = [(found, 2.0 / 3.0), *((each, 1.0 / 6.0) for each in sides if each is not None)]
+            mean = sum(weight * (each.value or 0.0) for each, weight in rule)
+            off = [weight * ((each.value or 0.0) - mean) for each, weight in rule]
+            variance += sum(weight * ((each.value or 0.0) - mean) ** 2 for each, weight in rule)
+            left = sum(w * (each.correction or 0.0) for w, (each, _) in zip(off, rule, strict=True))
+            of_variance += abs(left)
+            of_mean += sum(weight * ((each.correction or 0.0) - correction) for each, weight in rule)
+            for k, (weight, (each, _)) in enumerate(zip(off[1:], rule[1:], strict=True)):
+                size = abs(weight * (each.correction or 0.0))
+                if size > largest:
+                    largest, worst = size, (points[k : k + 1], abs(weight), each)
+        if worst is None or not variance > 0.0:
+            return 0.0, None
+        whole = self._size(value)
+        error = max(of_variance / variance, share_of(abs(of_mean), whole))
+        if error <= FOLLOWS * share_of(found.quantity or 0.0, whole):
+            return 0.0, None
+        self.worst = worst[0], worst[1] / variance
+        return error, worst[2]
 
     def _at_values(
         self,
