@@ -1,9 +1,9 @@
 """When Newton's method begins beside an accelerated iteration that may not need it.
 
-The dense flexibility of all active unknowns takes their third power, a step of the accelerated iteration the
-second one. So Newton's method begins at once where it costs no more than the iterations that it usually
-saves, or little beside the factors. Else it waits until the iterations so far have cost as much as it will: at worst
-both are paid for.
+The dense flexibility of all active unknowns takes their third power, a step of the accelerated iteration
+the second one. So Newton's method begins at once where it costs no more than the iterations that it
+usually saves, or little beside the factors. Else it waits until the iterations so far have cost as much
+as it will: at worst both are paid for.
 """
 
 from __future__ import annotations
