@@ -1,9 +1,9 @@
 """When Newton's method begins beside an accelerated iteration that may not need it.
 
-The dense flexibility of all active unknowns takes their third power, a step of the accelerated iteration the
-second one. So Newton's method begins at once where it costs no more than the iterations that it usually saves,
-or little beside the factors. Else it waits until the iterations so far have cost as much as it will: at worst
-both are paid for.
+The dense flexibility of all active unknowns takes their third power, a step of the accelerated iteration
+the second one. So Newton's method begins at once where it costs no more than the iterations that it
+usually saves, or little beside the factors. Else it waits until the iterations so far have cost as much
+as it will: at worst both are paid for.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def _work(problem: Problem, here: Sequence[str], bodies: Sequence[Body], zone: i
     flops = _OF_BODY * sum(float(body.active) ** 3 for body in bodies)
     flops += _SYSTEMS * _OF_SYSTEM * columns * float(zone) ** 3
     numbers = [float(body.active) ** 2 for body in bodies]
-    # factors without search directions, the flexibility and its LU, and what the largest body is multiplied with
+    # factors without search directions, the flexibility, its LU, and what the largest body is multiplied with
     memory = 8.0 * (sum(numbers) + 2.0 * float(zone) ** 2 + 2.0 * max(numbers, default=0.0))
     iteration = sum(numbers) * max(8.0 / _READ, 2.0 * columns / _SOLVE) + ROW_OF_POINT * rows * columns
     work = _Work(flops, memory, max(iteration, 1e-9), sum(body.flops for body in bodies) / FACTOR)

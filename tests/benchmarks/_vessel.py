@@ -1,10 +1,12 @@
 """The bolted vessel over ranks, for ``scaling.py``: its parts on one rank, and shared by two.
 
-The cover and its ring are on the second one, so that joint and screw lie between them. Order-3 chaos of both by
-factors, from the matrices of the parts to the coefficients. Of each number of ``ranks``: ``seconds`` of the slowest rank (wall, without meshes and matrices of the parts); ``bodies_s``,
-those of the bodies (order, factor, condensed block) on the rank that has most of them, and ``bodies_ratio``,
-all of them over those: what the speed-up of bodies can be at most; ``peak_gb``, the largest resident memory of a rank; ``error``, estimated; ``iterations``; and the
-``difference`` of the coefficients between the numbers of ranks, relative to the largest one.
+The cover and its ring are on the second one, so that joint and screw lie between them. Order-3 chaos of
+both by factors, from the matrices of the parts to the coefficients. Of each number of ``ranks``:
+``seconds`` of the slowest rank (wall, without meshes and matrices of the parts); ``bodies_s``, those of
+the bodies (order, factor, condensed block) on the rank that has most of them, and ``bodies_ratio``, all
+of them over those: what the speed-up of bodies can be at most; ``peak_gb``, the largest resident memory
+of a rank; ``error``, estimated; ``iterations``; and the ``difference`` of the coefficients between the
+numbers of ranks, relative to the largest one.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ a global stage on the slowest rank (no communication is in it); ``setup_s`` (fac
 condensation, slowest rank); of each ``..._ratio`` of one rank to two, ``ratio`` being that of the
 iteration; ``max_difference`` of the displacements, relative to the largest one. ``ratio`` and
 ``max_difference`` at the top level are the least and the largest of the rows. ``cases`` has of this chain and
-of points over ranks (see ``_points.py``) and of the large vessel (``_vessel.py``, ``--vessel N`` unknowns; 0: it
-is left out) what was measured: ``ranks``, ``speedup`` (wall), ``difference``.
+of points over ranks (see ``_points.py``) and of the large vessel (``_vessel.py``, ``--vessel N`` unknowns; 0:
+it is left out) what was measured: ``ranks``, ``speedup`` (wall), ``difference``.
 
 One thread a rank. Other work on the machine slows two ranks more than one, because they wait for each
 other in every iteration: ``load`` of the machine before the first run stands in ``environment``. Processor
@@ -178,8 +178,8 @@ def main() -> None:
     for each in vessels:
         print(
             f"{each['unknowns']} unknowns, {each['case']}: {each['seconds'][0]:.1f} s on one rank, "
-            f"{each['seconds'][-1]:.1f} s on two, {each['speedup'][-1]:.2f} times faster (bodies alone at most "
-            f"{each['bodies_ratio'][-1]:.2f}), difference {each['difference']:.1e}, peak of a rank "
+            f"{each['seconds'][-1]:.1f} s on two, {each['speedup'][-1]:.2f} times faster (bodies alone at "
+            f"most {each['bodies_ratio'][-1]:.2f}), difference {each['difference']:.1e}, peak of a rank "
             f"{each['peak_gb'][0]:.2f} and {each['peak_gb'][-1]:.2f} GB",
             flush=True,
         )
