@@ -619,8 +619,7 @@ class _Dual:
         """
         result, c = self.result, self.column
         solver, state, amplitudes = result.solver, result.mean_state, result.plan.amplitudes
-        one = solver.space is None and result.problem.comm is None
-        if state is None or not (one and solver.total_rows):
+        if state is None or solver.space is not None or not solver.total_rows:
             return None
         loaded = laws.with_(extra_loads=self._extra(pattern, 1.0 / factor)) if self.loads else None
         made = Transposed(solver, laws, state.data, amplitudes, c, self.size)
@@ -630,7 +629,8 @@ class _Dual:
         base = solver.displacements(laws, State(made.data, made.traces), amplitudes)
         there = State(made.data + found[0], made.traces + found[1])
         moved = solver.displacements(loaded or laws, there, amplitudes)
-        return {n: moved[n][:, c] - base[n][:, c] + self.lift.get(n, 0.0) for n in base}
+        own = result.problem.own.substructures
+        return {n: moved[n][:, c] - base[n][:, c] + self.lift.get(n, 0.0) for n in own}
 
     def _base(self, laws: Laws) -> State:
         """The state that the change starts from: that of the result where it is good enough."""

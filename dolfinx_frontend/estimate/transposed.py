@@ -13,17 +13,20 @@ follow the friction.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from latin_core import Laws
 from scipy.sparse.linalg import LinearOperator, gmres
 
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.kernel.solver import Solver
 
 __all__ = ["Transposed"]
+
+T = TypeVar("T")
 
 ENOUGH, MOST_STEPS = 1e-3, 400
 """Residual of the dual problem relative to its right-hand side, enough for an estimate; most steps."""
@@ -51,12 +54,14 @@ class _Slopes(NamedTuple):
 
 
 class Transposed:
-    """A structure on one rank with transposed slopes at a state of one column of its data.
+    """A structure with transposed slopes at a state of one column of its data.
+
+    Interface rows are those of all ranks here, one rank after the other: every rank has all of them.
 
     Parameters
     ----------
     data
-        (rows, columns) of the state, which an answer belongs to.
+        (rows of this rank, columns) of the state, which an answer belongs to.
     size
         Of the displacements.
     """
@@ -65,60 +70,100 @@ class Transposed:
         self, solver: Solver, laws: Laws, data: Array, amplitudes: Array, column: int, size: float
     ) -> None:
         self.solver, self.laws, self.column = solver, laws, column
+        self.problem, self.comm = solver.problem, solver.problem.comm
         self.data = np.asfortranarray(data)
         self.amplitudes, self.reach = amplitudes, REACH * size
+        self.first = np.concatenate([[0], np.cumsum(self._said(len(self.data)))])
         self.traces = solver.global_stage(laws, self.data, amplitudes)
-        self.residual = solver.local_stage(laws, self.data, self.traces)[:, column]
+        self.residual = self._everywhere(solver.local_stage(laws, self.data, self.traces)[:, column])
+        self.directions = self._everywhere(solver.directions)
         self.no_loads = np.zeros_like(amplitudes)
-        self.nonlinear = [n for n in solver.plan.active if not solver.problem.interfaces[n].law.linear]
-        self.slopes = [self._slopes(name) for name in self.nonlinear]
+        nonlinear = [n for n in solver.plan.active if not self.problem.interfaces[n].law.linear]
+        self.slopes = [self._slopes(name) for name in nonlinear]
 
     def answer(self, jumps: Mapping[str, Array], loaded: Laws | None) -> tuple[Array, Array] | None:
-        """Changes (rows, columns) of data and traces; None: the laws leave something free.
+        """Changes (rows, columns) of data and traces of this rank; None: the laws leave something free.
+
+        Collective.
 
         Parameters
         ----------
         jumps
-            Active interface -> imposed jump (rows of the interface, 1).
+            Active interface of this rank -> imposed jump (rows of the interface, 1).
         loaded
-            The laws with the loads of the dual problem; None: there are none.
+            The laws with the loads of the dual problem; None: this rank has none.
         """
-        right = np.zeros(len(self.data))
-        for name, jump in jumps.items():
-            self._pulled_apart(name, jump, right)
+        right = np.zeros(len(self.residual))
+        for name in sorted(set().union(*self._said(set(jumps)))):
+            right += self._pulled_apart(name, jumps.get(name))
         before = np.zeros_like(self.traces)
         if loaded is not None:
             before = self.solver.global_stage(loaded, self.data, self.amplitudes) - self.traces
-            right += self._residual(np.zeros(len(right)), before[:, self.column])
+        right += self._residual(np.zeros(len(right)), before[:, self.column])
         size = float(np.linalg.norm(right))
-        if not np.isfinite(size):
+        if not self._first(np.isfinite(size)):
             return None
         step = np.zeros(len(right))
-        if size > 0.0:
-            shape = (len(right), len(right))
-            operator = LinearOperator(shape, matvec=self._apply, dtype=np.float64)
-            steps = min(MOST_STEPS, len(right))
-            step, _ = gmres(operator, -right, rtol=ENOUGH, restart=steps, maxiter=1)
-            if not float(np.linalg.norm(self._apply(step) + right)) <= NEARLY * size:
+        if self._first(size > 0.0):
+            step[:] = self._solved(-right)
+            if not self._first(float(np.linalg.norm(self._apply(step) + right)) <= NEARLY * size):
                 return None
         change = np.zeros_like(self.data)
-        change[:, self.column] = step
+        change[:, self.column] = self._mine(step)
         return change, before + self._moved(step)
 
+    # --- ranks -------------------------------------------------------------------------------------
+    def _said(self, content: T) -> list[T]:
+        """What every rank says."""
+        return [content] if self.comm is None else exchanged(self.comm, content)
+
+    def _first(self, content: T) -> T:
+        """What the first rank says: rounding may differ from rank to rank, what is decided must not."""
+        return self._said(content)[0]
+
+    def _everywhere(self, rows: Array) -> Array:
+        """The rows of all ranks, of those of this one."""
+        return rows if self.comm is None else np.concatenate(self._said(rows))
+
+    def _mine(self, rows: Array) -> Array:
+        """The rows of this rank."""
+        first = 0 if self.comm is None else self.first[self.comm.rank]
+        return rows[first : first + len(self.data)]
+
+    # --- the dual problem --------------------------------------------------------------------------
+    def _solved(self, right: Array) -> Array:
+        """The step (rows,) by GMRES on the first rank; the others take part in its products."""
+        if self.comm is not None and self.comm.rank > 0:
+            while True:
+                step, ends = self._first((right, True))
+                if ends:
+                    return step
+                self._apply(step)
+        operator = LinearOperator((len(right), len(right)), matvec=self._asked, dtype=np.float64)
+        steps = min(MOST_STEPS, len(right))
+        step, _ = gmres(operator, right, rtol=ENOUGH, restart=steps, maxiter=1)
+        return self._first((step, True))[0]
+
+    def _asked(self, step: Array) -> Array:
+        return self._apply(self._first((step, False))[0])
+
     def _apply(self, step: Array) -> Array:
-        stop_if_pressed()
+        with agreement(self.comm):
+            stop_if_pressed()
         return self._residual(step, self._moved(step)[:, self.column])
 
     def _moved(self, step: Array) -> Array:
-        """What a change of the data (rows,) does to the traces, (rows, columns)."""
+        """What a change of the data (rows,) does to the traces of this rank, (rows of this rank, columns)."""
         block = np.zeros_like(self.data)
-        block[:, self.column] = step
+        block[:, self.column] = self._mine(step)
         return self.solver.global_stage(self.laws, block, self.no_loads)
 
     def _residual(self, step: Array, moved: Array) -> Array:
-        """What changes of data and traces (rows,) do to the residual (rows,), slopes transposed."""
+        """What changes of data (rows,), and of traces of this rank, do to the residual (rows,) with slopes
+        transposed."""
+        moved = self._everywhere(moved)
         found = self._local(step, moved) - self.residual
-        free = step / self.solver.directions - 2.0 * moved
+        free = step / self.directions - 2.0 * moved
         for each in self.slopes:
             for rows, part in zip(each.rows, each.transposed(free), strict=True):
                 found[rows] = -step[rows] - part
@@ -128,38 +173,52 @@ class Transposed:
         """The residual (rows,) beside the state."""
         c = self.column
         data, traces = self.data.copy(order="F"), self.traces.copy(order="F")
-        data[:, c] += step
-        traces[:, c] += moved
-        return np.asarray(self.solver.local_stage(laws or self.laws, data, traces)[:, c])
+        data[:, c] += self._mine(step)
+        traces[:, c] += self._mine(moved)
+        return self._everywhere(self.solver.local_stage(laws or self.laws, data, traces)[:, c])
 
     def _sides(self, name: str) -> tuple[tuple[slice, ...], int]:
         """Rows of the sides of an interface, and its components."""
-        size = len(self.solver.flexibility(name))
-        sides = tuple(slice(first, first + size) for first in self.solver.first_rows(name))
-        return sides, size // self.solver.problem.interfaces[name].num_points
+        own = None
+        if name in self.problem.own.interfaces:
+            own = len(self.solver.flexibility(name)), self.solver.first_rows(name)
+        told = [(first, *each) for first, each in zip(self.first, self._said(own), strict=False) if each]
+        said = [[first + row if row >= 0 else -1 for row in rows] for first, _, rows in told]
+        size = told[0][1]
+        sides = tuple(slice(first, first + size) for first in map(max, zip(*said, strict=True)))
+        return sides, size // self.problem.interfaces[name].num_points
 
     def _slopes(self, name: str) -> _Slopes:
         rows, count = self._sides(name)
-        nothing = np.zeros(len(self.data))
+        nothing = np.zeros(len(self.residual))
         columns = []
         for side in rows:
             for k in range(count):
-                unit = np.zeros(len(self.data))
+                unit = np.zeros(len(nothing))
                 unit[side][k::count] = self.reach
                 change = self._local(nothing, unit) - self._local(nothing, -unit)
                 change *= 0.25 / self.reach
                 columns.append(np.hstack([change[r].reshape(-1, count) for r in rows]))
         return _Slopes(rows, np.stack(columns, axis=-1))
 
-    def _pulled_apart(self, name: str, jump: Array, right: Array) -> None:
-        """Add the residual (rows,) of an imposed jump (rows of the interface, 1), slopes transposed."""
+    def _pulled_apart(self, name: str, jump: Array | None) -> Array:
+        """The residual (rows,) of an imposed jump (rows of the interface, 1), slopes transposed."""
         rows, count = self._sides(name)
-        given, nothing = self.laws.parameter(name, "jump"), np.zeros(len(self.data))
+        nothing = np.zeros(len(self.residual))
+        of_all = next(each for each in self._said(jump) if each is not None)
+        right = np.zeros(len(nothing))
         for k in range(count):
-            unit = np.zeros((len(jump), 1))
+            unit = np.zeros((len(of_all), 1))
             unit[k::count] = self.reach
-            ends = [{name: {"jump": given + sign * unit}} for sign in (1.0, -1.0)]
-            above, below = (self._local(nothing, nothing, self.laws.with_(parameters=each)) for each in ends)
+            ends = (self._moved_apart(name, sign * unit) for sign in (1.0, -1.0))
+            above, below = (self._local(nothing, nothing, laws) for laws in ends)
             slope = (above - below) / (2.0 * self.reach)
             for side in rows:
-                right[side][k::count] += (slope[side] * jump[:, 0]).reshape(-1, count).sum(axis=1)
+                right[side][k::count] += (slope[side] * of_all[:, 0]).reshape(-1, count).sum(axis=1)
+        return right
+
+    def _moved_apart(self, name: str, jump: Array) -> Laws:
+        """The laws with more of an imposed jump (rows of the interface, 1)."""
+        if name not in self.problem.own.interfaces:
+            return self.laws
+        return self.laws.with_(parameters={name: {"jump": self.laws.parameter(name, "jump") + jump}})

@@ -166,7 +166,8 @@ def goes_on(file: Path, last: bool) -> None:
     alone = problem(function_joint, MPI.COMM_SELF).function(Resultant("j2"), **settings)
     same(values, alone(POINTS), "values of a function")
     exact = alone.derivatives(POINTS[0]).values
-    assert np.abs(slopes - exact).max() < 1e-8 * np.abs(exact).max()
+    # slopes of laws are differences, which know the root of the rounding: 1.5e-8
+    assert np.abs(slopes - exact).max() < 1e-7 * np.abs(exact).max()
 
 
 def more(file: Path, last: bool) -> None:
