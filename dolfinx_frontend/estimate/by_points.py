@@ -83,6 +83,9 @@ MOST_BESIDE = 2
 WORTH = 0.9
 """Share of the deviation that is left beside it at most."""
 
+QUANTILE_ROUNDS = 5
+"""Values at most that are tried for a quantile, one after the other."""
+
 SEEN_TO = 0.05
 """Accuracy from which on points far out judge, too."""
 
@@ -404,17 +407,24 @@ class _Samples:
         about = float(self.drawn @ self.values), self._spread()
         if isinstance(quantity, Quantile):
             about = quantity.statistic(self.values, self.drawn)[0], about[1]
-        controls = quantity.controls(self._unseen(fit), *about)
-        means, doubts = self._expected(fit, about, target)
-        lacks = quantity.controls(self.values, *about) - controls
-        own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
-        weights = calibrated(self.space, germs, self.drawn, (controls, means.mean(axis=0)), MOST_BESIDE)
-        value = MeanStd(*quantity.statistic(self.values, weights))
+        for _ in range(QUANTILE_ROUNDS if isinstance(quantity, Quantile) else 1):
+            controls = quantity.controls(self._unseen(fit), *about)
+            means, doubts = self._expected(fit, about, target)
+            lacks = quantity.controls(self.values, *about) - controls
+            own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
+            weights = calibrated(self.space, germs, self.drawn, (controls, means.mean(axis=0)), MOST_BESIDE)
+            value = MeanStd(*quantity.statistic(self.values, weights))
+            if value.mean == about[0]:
+                break
+            # the probability is that of being below this value: it must be the quantile itself
+            about = value.mean, about[1]
         kinks = len(fit.signs)
         beside = f"a polynomial of degree {fit.order}" + (f" with {kinks} kink(s)" if kinks else "")
         how = f"{SETS} sets of {self.each} samples beside {beside}"
         if isinstance(quantity, Quantile):
-            of_level = SURE * float(own.std(ddof=1)) / np.sqrt(SETS) + doubts[0] + 0.5 / len(germs)
+            # a quantile of points is one of their values: by a whole point it is the next one
+            free = SURE * float(own.std(ddof=1)) / np.sqrt(SETS) + doubts[0]
+            of_level = free + float(np.abs(weights).max())
             levels = [min(max(quantity.level + d, 1e-12), 1.0 - 1e-12) for d in (-of_level, of_level)]
             ends = [replace(quantity, level=level).statistic(self.values, weights)[0] for level in levels]
             return _Sampled(weights, value, max(abs(end - value.mean) for end in ends), 0.0, how)

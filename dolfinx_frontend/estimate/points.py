@@ -12,7 +12,7 @@ sampling error. The sets tell the error of their mean.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import comb
@@ -312,6 +312,14 @@ def solved_alone(
     return replace(found, weights=whole / whole.sum())
 
 
+def _both(one: Mapping[str, Array], other: Mapping[str, Array], count: int) -> dict[str, Array]:
+    """Fields of some points and of so many others, which have none where Ctrl-C came before the first."""
+    return {
+        name: np.concatenate([each, other.get(name, np.full((count, *each.shape[1:]), np.nan))])
+        for name, each in one.items()
+    }
+
+
 def joined(first: SampleResult, second: SampleResult) -> SampleResult:
     """The points of both in this order, all with the same weight."""
     one, other = first.points, second.points
@@ -324,8 +332,8 @@ def joined(first: SampleResult, second: SampleResult) -> SampleResult:
         error=np.concatenate([one.error, other.error]),
         seconds=np.concatenate([one.seconds, other.seconds]),
         status=np.concatenate([one.status, other.status]),
-        forces={name: np.concatenate([each, other.forces[name]]) for name, each in one.forces.items()},
-        jumps={name: np.concatenate([each, other.jumps[name]]) for name, each in one.jumps.items()},
+        forces=_both(one.forces, other.forces, len(second.germs)),
+        jumps=_both(one.jumps, other.jumps, len(second.germs)),
         histories={**one.histories, **{count + k: each for k, each in other.histories.items()}},
         order=[*one.order, *(count + k for k in other.order)],
         states=states,

@@ -17,11 +17,14 @@ from dolfinx_frontend.estimate.cells import Cells
 from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
+from dolfinx_frontend.results.contact import CLOSED as STICKS
+from dolfinx_frontend.results.contact import OPEN, SLIPS, contact_states
 from dolfinx_frontend.results.errors import Place
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.readings import column_of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Quantile, Resultant, Wanted
+from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.scene.scene import Scene
@@ -45,7 +48,7 @@ COARSER = 1.5
 
 RESOLVED, SEEN = 6.0, 3.0
 """Closed points of a contact zone with an edge, in each direction, at least: to be believed as any other,
-and if what is said of its mesh fits twice."""
+and if what is said of its mesh fits twice; and without an edge, that one would be seen."""
 
 COVERED = 0.99
 """Share of a face from which on all of it counts as covered."""
@@ -81,8 +84,9 @@ def soft_springs(scene: Scene, problem: Problem, meshes: Mapping[str, Cells]) ->
 
 
 def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
-    """Active interface that may open -> its points (k, d) with closed and open ones around; and how many
-    closed points the zone with the fewest has in each direction, infinite where none has an edge.
+    """Active interface that may open -> its points (k, d) around which some are open, stick or slip and some
+    do not; and how many closed points the zone with the fewest has in each direction, infinite where none has
+    an edge and all have enough.
 
     Collective.
     """
@@ -92,21 +96,36 @@ def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
         forces = {name: np.asarray(result.force(name)) for name in unilateral if problem.speaks_for(name)}
     for name, force in problem.gather(forces).items():
         interface = problem.interfaces[name]
-        normal = force.reshape(-1, *force.shape[-2:])[-1][:, 0]
-        closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
-        if not closed.any() or (closed.all() and interface.covered > COVERED):
+        state = _states(result, name, force.reshape(-1, *force.shape[-2:])[-1])
+        closed = state != OPEN
+        if not closed.any():
             continue
         own = float(np.count_nonzero(closed) ** (1.0 / (interface.dim - 1)))
+        uniform = interface.covered > COVERED and bool(np.all(state == state[0]))
+        if uniform and own >= SEEN - 1e-9:
+            continue
         across = min(across, own)
-        if own < RESOLVED - 1e-9:
+        if uniform or own < RESOLVED - 1e-9:
             out[name] = interface.points[closed]
             continue
         count = min(interface.num_points, 3 if interface.dim == 2 else 7)
         _, around = cKDTree(interface.points).query(interface.points, k=count)
-        mixed = closed[around].any(axis=1) & ~closed[around].all(axis=1)
+        mixed = state[around].min(axis=1) != state[around].max(axis=1)
         if mixed.any():
             out[name] = interface.points[mixed]
     return out, across
+
+
+def _states(result: Result, name: str, force: Array) -> Array:
+    """Where a contact is open, sticks or slips at its end (m,), by its force (m, components)."""
+    normal, shear = force[:, 0], np.linalg.norm(force[:, 1:], axis=1)
+    closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
+    contact = law_contact(result.problem, result.plan, name)
+    limits = None if contact is None else contact.limits
+    if limits is not None:
+        limits = limits[0][0, -1], limits[1][0, -1]
+    slips = contact_states(normal, shear, limits)[1]
+    return np.where(closed, np.where(slips, SLIPS, STICKS), OPEN)
 
 
 def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]:

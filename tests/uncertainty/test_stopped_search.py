@@ -252,3 +252,12 @@ def test_a_scene_comes_back_on_its_last_mesh(
     assert made.relative("discretisation") == pytest.approx(made.steps[-1].error)
     assert np.isfinite(made.in_all) and not made.reached
     assert made.moments is not None and made.moments.mean == pytest.approx(made.steps[-1].value)
+
+
+@pytest.mark.parametrize("call", [2, 5, 9])
+def test_ctrl_c_before_a_point_has_begun(monkeypatch: pytest.MonkeyPatch, call: int) -> None:
+    """Points that are solved on their own: the one that it falls on has no fields, the others keep theirs."""
+    kinked = rods(Contact(gap=Normal("gap", 0.01, std=0.004)))
+    pressed_in(monkeypatch, points, "sample_on", call)
+    answer = solve(assemble(kinked), accuracy=1e-3, quantity="j0", meshes=False)
+    assert not answer.errors().reached

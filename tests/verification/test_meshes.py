@@ -20,6 +20,7 @@ from dolfinx_frontend.geometry import SizeField, from_gmsh, gmsh_session, remesh
 from dolfinx_frontend.geometry.parts import Part, located
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.resultant import Measure, Resultant
+from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
@@ -292,6 +293,33 @@ def test_a_shear_stress_beside_a_joint(accuracy: float) -> None:
     made = solve(scene, accuracy=accuracy, quantity=at, progress=False).errors()
     assert made.reached and made.moments is not None
     assert abs(made.moments.mean / 0.69396 - 1.0) <= accuracy
+
+
+def sheared(cells: int, degree: int) -> Scene:
+    """A small block on a wide one, pressed, then pulled along: its face opens on one side and slips."""
+    scene = Scene()
+    for name, width, low, count in (("wide", 16.0, 0.0, cells), ("small", 8.0, 8.0, max(1, cells // 2))):
+        at = ((16.0 - width) / 2, (16.0 - width) / 2, low)
+        block = geometry.box((width, width, 8.0), (count, count, count), at, cell="hexahedron")
+        scene.substructure(name, block, LinearElastic(E=2e4, nu=0.3), degree=degree)
+    scene.interface("seat", "small:z0", "wide:z1", Contact(friction=0.3), overlap="partial")
+    scene.fix("wide:z0")
+    scene.interface("top", "small:z1", Elastic(normal=100.0, tangential=100.0))
+    scene.pressure("small:z1", Amplitude([0, 1], [0, 1]) * 20.0)
+    scene.traction("small:x0", Amplitude([1, 2], [0, 1]) * (8.0, 0.0, 0.0))
+    return scene
+
+
+def test_a_contact_of_one_point_is_not_believed() -> None:
+    """One point is closed or open as a whole: a higher degree leaves it, and no change tells anything."""
+    quantity, times = Resultant("seat", "force", 1), [1.0, 2.0]
+    fine = solve(assemble(sheared(8, 2)), times=times)
+    asked = {"accuracy": 0.05, "quantity": quantity, "times": times, "max_unknowns": 6000}
+    made = solve(sheared(2, 1), progress=False, **asked)
+    error, value = made.errors(), float(quantity.value(made)[-1])
+    off = abs(value / float(quantity.value(fine)[-1]) - 1.0)
+    assert not error.reached or off <= 0.05
+    assert any("cut" in how for step in error.steps for how in step.changed.values())
 
 
 def test_the_energy_norm() -> None:

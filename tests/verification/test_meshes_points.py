@@ -23,11 +23,11 @@ BORE, FIT, OUTER, HIGH = 50.0, 80.0, 150.0, 20.0
 INSIDE, INTERFERENCE = 10.0, 0.02
 
 
-def tubes(degree: int = 2, cell: str = "quadrilateral", divisions: int = 2) -> Scene:
+def tubes(degree: int = 2, cell: str = "quadrilateral", divisions: int = 2, along: int = 1) -> Scene:
     """A tube under pressure inside another one that is too narrow for it."""
     scene = Scene(axisymmetric=True)
     for name, low, high in (("inner", BORE, FIT), ("outer", FIT, OUTER)):
-        box = geometry.box((high - low, HIGH), (divisions, 1), (low, 0.0), cell=cell)
+        box = geometry.box((high - low, HIGH), (divisions, along), (low, 0.0), cell=cell)
         scene.substructure(name, box, LinearElastic(YOUNG, NU), degree=degree)
         scene.fix([f"{name}:y0", f"{name}:y1"], components=1)
     scene.interface("fit", "inner:x1", "outer:x0", Contact(gap=-INTERFERENCE))
@@ -109,7 +109,8 @@ def test_only_parts_that_a_function_reads_change_with_each_mesh() -> None:
     def moved(fields):
         return np.abs(fields.displacement("inner")).max(axis=1)
 
-    made = solve(tubes(1), accuracy=2e-2, quantity=moved, progress=False).errors()
+    # a face of less than three points has its cells cut on both sides
+    made = solve(tubes(1, along=3), accuracy=2e-2, quantity=moved, progress=False).errors()
     assert all("inner" in step.changed for step in made.steps[1:])
     assert any("outer" not in step.changed for step in made.steps[1:])
 

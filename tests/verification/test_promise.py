@@ -314,6 +314,23 @@ def test_any_number(quantity, exact):
     assert abs(made.moments.mean / exact - 1.0) <= 2e-2
 
 
+@pytest.mark.parametrize("level", [0.9, 0.95])
+def test_a_quantile_is_where_its_own_probability_is_known(level):
+    """Samples beside a polynomial: their weights are made for the value that is said."""
+    scene, law = Scene(), LogNormal("k", 100.0, cov=0.3)
+    for name, x0 in (("left", 0.0), ("right", 20.0)):
+        bar = geometry.box((20.0, 10.0), (2, 1), origin=(x0, 0.0))
+        scene.substructure(name, bar, LinearElastic(E=200e3, nu=0.0), degree=1)
+    scene.interface("pad", "left:x1", "right:x0", Elastic(normal=law, tangential=50.0))
+    scene.fix("left:x0")
+    scene.fix("right:x1", (0.1, 0.0), name="grip")
+    width = np.sqrt(np.log1p(0.3**2))
+    k = stats.lognorm(width, scale=100.0 * np.exp(-0.5 * width**2)).ppf(level)
+    quantity, exact = Quantile("pad", level), 1.0 / (1.0 / k + 40.0 / 200e3)
+    result = solve(assemble(scene), accuracy=3e-3, quantity=quantity, meshes=False)
+    assert not result.errors().reached or abs(result.mean_std(quantity).mean / exact - 1.0) <= 3e-3
+
+
 def test_quantities_of_all_answers():
     problem = layers(LogNormal("k", 40.0, cov=0.3))
     chaos = solve(problem, chaos=6)
