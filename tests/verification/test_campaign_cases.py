@@ -109,7 +109,10 @@ def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
         outcome, what = drawn(file, seat)
     finally:
         seat.close()
-    assert outcome in ("right", *(["rounding"] if file.stem.startswith("rounding_") else [])), what
+    if file.stem.startswith("rounding_"):  # a pivot that is rounding is one, or is told as none
+        assert outcome in ("right", "rounding") or "beyond rounding" in what, (outcome, what)
+    else:
+        assert outcome == "right", what
 
 
 @pytest.mark.slow
