@@ -407,14 +407,14 @@ class _Samples:
         about = float(self.drawn @ self.values), self._spread()
         if isinstance(quantity, Quantile):
             about = quantity.statistic(self.values, self.drawn)[0], about[1]
-        for _ in range(QUANTILE_ROUNDS if isinstance(quantity, Quantile) else 1):
+        for _ in range(QUANTILE_ROUNDS):
             controls = quantity.controls(self._unseen(fit), *about)
             means, doubts = self._expected(fit, about, target)
             lacks = quantity.controls(self.values, *about) - controls
             own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
             weights = calibrated(self.space, germs, self.drawn, (controls, means.mean(axis=0)), MOST_BESIDE)
             value = MeanStd(*quantity.statistic(self.values, weights))
-            if value.mean == about[0]:
+            if not isinstance(quantity, Quantile) or value.mean == about[0]:
                 break
             # the probability is that of being below this value: it must be the quantile itself
             about = value.mean, about[1]
