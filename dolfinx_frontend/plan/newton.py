@@ -84,11 +84,11 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
     bodies = [body for body in bodies_of(problem.own, here) if body.active]
     zone = interface_unknowns(problem, kept)
     dense = _is_dense(problem, bodies, zone, options)
-    work = _work(problem, here, bodies, zone, columns)
     asked = options.newton != "automatic"
     if not dense:
-        # what it takes are global stages, as an accelerated step does
-        return Newton(int(options.newton) if asked else 1)
+        steps = int(options.newton) if asked else 1
+        return Newton(steps, choice=_begins(steps), reason="by global stages: there is no dense flexibility")
+    work = _work(problem, here, bodies, zone, columns)
     seconds = work.flops / _DENSE
     saved = NONLINEAR * log10(1.0 / options.rtol) / 4.0
     steps = min(max(int(seconds / work.iteration), 1), options.max_iterations // 2)
@@ -103,8 +103,11 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
         reason = f"{takes}, no more than the iterations that it usually saves"
     else:
         reason = f"{takes}, an accelerated step {work.iteration / speed():.2g} s"
-    choice = "from the first steps" if steps == 1 else f"after {steps} accelerated steps, or if they stagnate"
-    return Newton(steps, zone, work.flops, work.memory, choice, reason)
+    return Newton(steps, zone, work.flops, work.memory, _begins(steps), reason)
+
+
+def _begins(steps: int) -> str:
+    return "from the first steps" if steps == 1 else f"after {steps} accelerated steps, or if they stagnate"
 
 
 def fitting(problem: Problem, newton: Newton, beside: float) -> Newton:
