@@ -9,6 +9,7 @@ answers in the energy norm to one at a hundredth of the tolerance.
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from time import process_time
 from typing import Any
 
@@ -42,7 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cells", type=int, nargs="+", default=[6, 8, 10, 13])
     parser.add_argument("--rtol", type=float, default=1e-6)
-    parser.add_argument("--json", help="file to write the record to")
+    parser.add_argument("--json", type=Path, help="file to write the record to")
     given = parser.parse_args()
     rows = [measure(cells, given.rtol) for cells in given.cells]
     header = ("unknowns", *(f"{name}: iterations, s" for name, _ in WAYS), "error")
