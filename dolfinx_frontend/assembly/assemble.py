@@ -104,7 +104,14 @@ def assemble(
 
 def placed(scene: Scene, comm: Any) -> dict[str, int]:
     """Part -> the rank of a communicator that it belongs to; None: there is one rank."""
-    return place(scene.substructures, 1 if comm is None else comm.size, _kept_together(scene))
+    between = [each.faces for each in scene.interfaces.values() if isinstance(each.law, Perfect)]
+    glue = [(faces[0].substructure, faces[-1].substructure) for faces in between]
+    return place(
+        scene.substructures,
+        1 if comm is None else comm.size,
+        _kept_together(scene),
+        grouped(list(scene.substructures), glue),
+    )
 
 
 def assembled_again(

@@ -22,7 +22,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_frontend.common.alike import described, difference, digest
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
@@ -117,12 +117,31 @@ def _cost(spec: SubstructureSpec) -> float:
     return float((spec.dim * nodes * grow**spec.dim) ** (4 / 3))
 
 
+UNEVEN = 1.2
+"""What the largest share may cost, relative to that of single parts, where glued bodies stay whole."""
+
+
+def _shares(costs: Array, ranks: int) -> Ints:
+    """Rank of each of some things in a row: contiguous shares of equal cost."""
+    middle = (np.cumsum(costs) - 0.5 * costs) / costs.sum()
+    return np.minimum((middle * ranks).astype(np.int64), ranks - 1)
+
+
+def _largest(costs: Array, shares: Ints) -> float:
+    """Cost of the rank that has most to do."""
+    return float(np.bincount(shares, costs).max())
+
+
 def place(
-    specs: Mapping[str, SubstructureSpec], ranks: int, together: Sequence[Sequence[str]] = ()
+    specs: Mapping[str, SubstructureSpec],
+    ranks: int,
+    together: Sequence[Sequence[str]] = (),
+    glued: Sequence[Sequence[str]] = (),
 ) -> dict[str, int]:
     """Owner of every part: the given rank, or a share of equal cost, contiguous in the scene's order.
 
-    Groups of parts that are kept `together` go where the first of them with a given rank is, or the first.
+    Groups of parts that are kept `together` go where the first of them with a given rank is, or the first. Bodies
+    of `glued` parts stay whole where shares become as even: else glue must be iterated on, and condensed.
 
     Raises
     ------
@@ -137,8 +156,16 @@ def place(
     costs = np.array([_cost(spec) for spec in specs.values()])
     if np.any(costs == 0.0):  # nothing is known of some: count all alike
         costs[:] = 1.0
-    middle = (np.cumsum(costs) - 0.5 * costs) / costs.sum()
-    shares = np.minimum((middle * ranks).astype(int), ranks - 1)
+    shares = _shares(costs, ranks)
+    if all(spec.rank is None for spec in specs.values()):
+        label = np.arange(len(specs))
+        at = {name: k for k, name in enumerate(specs)}
+        for group in glued:
+            label[[at[name] for name in group]] = at[group[0]]
+        _, label = np.unique(label, return_inverse=True)
+        whole = _shares(np.bincount(label, costs), ranks)[label]
+        if _largest(costs, whole) <= UNEVEN * _largest(costs, shares):
+            shares = whole
     owner = {
         name: int(share) if spec.rank is None else spec.rank
         for (name, spec), share in zip(specs.items(), shares, strict=True)

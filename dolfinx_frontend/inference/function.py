@@ -154,6 +154,7 @@ class ProblemFunction:
         self._reduced: Reduced | None = None
         self._journal: Journal | None = None
         self._written = checkpoint is not None
+        self._pressed = False
         if ranks is not None:
             facts = facts_of(inputs, quantities, plan, codes=False)
             ranks.check_same("function", facts)
@@ -263,6 +264,9 @@ class ProblemFunction:
             with agreed_over(self._ranks):
                 if self._journal is not None:
                     self._journal.add(solved)
+            if self._pressed:
+                self._pressed = False
+                raise Interrupted(f"function: interrupted after {len(x)} of {len(x)} points{self._resumed()}")
         self.solves += len(x)
         into.values[which], into.statuses[which] = solved.values, solved.statuses
         into.places[which], into.error[which] = solved.places, solved.error
@@ -337,10 +341,9 @@ class ProblemFunction:
         solved = _first(points, len(x))
         if np.any(solved.iterations < 0):
             done = int((solved.iterations >= 0).sum())
-            kept = ""
-            if self._written:
-                kept = "; the checkpoint has all batches before these: the same call goes on"
-            raise Interrupted(f"function: interrupted after {done} of {len(x)} points{kept}")
+            raise Interrupted(f"function: interrupted after {done} of {len(x)} points{self._resumed()}")
+        # it came too late to stop the kernel; of several ranks the others do not know
+        self._pressed = interrupt.told and self._ranks is None and self.problem.comm is None
         own = part_of(parameters, slice(0, len(x)))
         with agreed_over(self._ranks):
             values = self._read(answer_of(self.problem, self.plan, self.solver, solved, own), x)
@@ -363,6 +366,9 @@ class ProblemFunction:
             states[:, 0],
             states[:, 1],
         )
+
+    def _resumed(self) -> str:
+        return "; the checkpoint has all whole batches: the same call goes on" if self._written else ""
 
     def _starts(self, x: Array) -> list[_Known]:
         """Solved points near some points, which these are started from."""

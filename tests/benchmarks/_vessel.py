@@ -1,6 +1,6 @@
 """The bolted vessel over ranks, for ``scaling.py``: its parts on one rank, and shared by two.
 
-The cover and its ring are on the second one, so that joint and screw lie between them. Order-3 chaos of
+Cover and head go to the second one, so that joint and screw lie between them. Order-3 chaos of
 both by factors, from the matrices of the parts to the coefficients. Of each number of ``ranks``:
 ``seconds`` of the slowest rank (wall, without meshes and matrices of the parts); ``bodies_s``, those of
 the bodies (order, factor, condensed block) on the rank that has most of them, and ``bodies_ratio``, all
@@ -15,7 +15,6 @@ import json
 import resource
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -27,7 +26,6 @@ from mpi4py import MPI
 from dolfinx_frontend import Chaos, Options, assemble, solve
 
 RANKS = (1, 2)
-ON_SECOND = ("cover", "ring")
 RTOL = 4e-5
 CUBE = 1.02e7
 """Unknowns of the vessel times the cube of the size of its cells, mm^3."""
@@ -39,8 +37,6 @@ def work(unknowns: float, folder: Path) -> None:
     demo = common.demo("bolted_vessel")
     vessel, _ = demo.build_scene(common.size(f"{(CUBE / unknowns) ** (1.0 / 3.0):.4g}"))
     scene = demo.random_scene(vessel)
-    for name, part in scene.substructures.items():  # cut where joint and screw are anyway
-        scene.substructures[name] = replace(part, rank=int(name in ON_SECOND) if world.size > 1 else 0)
     problem = assemble(scene, comm=world)
     chaos, options = Chaos(order=3, check_points=0), Options(rtol=RTOL, backend="cholmod")
     world.barrier()

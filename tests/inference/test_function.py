@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,8 @@ import pytest
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import KinkWarning, ProblemFunction, Response, SceneError, geometry
+from dolfinx_frontend.common import interrupts
+from dolfinx_frontend.inference import function as function_module
 from tests.inference.joints import JOINT, K, RARE, D, joints
 
 Array = npt.NDArray[np.float64]
@@ -244,3 +248,35 @@ def test_without_openturns_it_says_how_to_get_it(
     monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(SceneError, match="needs OpenTURNS.*pip install openturns"):
         function.openturns()
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_ctrl_c_when_all_points_are_done_is_not_lost(
+    problem: lf.Problem, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, kept: bool
+) -> None:
+    """It would be noted by a context that ends, and a search go on; what was solved is in the file."""
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.setattr(interrupts, "_last_press", float("-inf"))  # two within seconds would raise at once
+    walk = function_module.walked
+
+    def walked(*args: Any, **settings: Any) -> Any:
+        found = walk(*args, **settings)
+        signal.raise_signal(signal.SIGINT)
+        return found
+
+    checkpoint = tmp_path / "points.npz" if kept else None
+    try:
+        function = problem.function("joint", options=TIGHT, checkpoint=checkpoint)
+        monkeypatch.setattr(function_module, "walked", walked)
+        with pytest.raises(KeyboardInterrupt, match="2 of 2 points"):
+            function(np.array([function.nominal, 0.9 * function.nominal]))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    function.close()
+    if not kept:
+        return
+    monkeypatch.setattr(function_module, "walked", lambda *args, **settings: pytest.fail("solved again"))
+    again = problem.function("joint", options=TIGHT, checkpoint=checkpoint)
+    assert again(function.nominal) == pytest.approx(closed(function.nominal[None])[0, 0], rel=1e-8)
+    again.close()
