@@ -140,8 +140,8 @@ def place(
 ) -> dict[str, int]:
     """Owner of every part: the given rank, or a share of equal cost, contiguous in the scene's order.
 
-    Groups of parts that are kept `together` go where the first of them with a given rank is, or the first. Bodies
-    of `glued` parts stay whole where shares become as even: else glue must be iterated on, and condensed.
+    Groups of parts that are kept `together` go where the first of them with a given rank is, or the first.
+    Bodies of `glued` parts stay whole where shares become as even: else their glue must be iterated on.
 
     Raises
     ------

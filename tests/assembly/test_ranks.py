@@ -1,4 +1,4 @@
-"""Which rank a part belongs to: shares of equal cost, and glued bodies that stay whole where they are as even."""
+"""Which rank a part belongs to: equal shares, and glued bodies that stay whole where these are as even."""
 
 from __future__ import annotations
 

@@ -268,9 +268,10 @@ def test_ctrl_c_when_all_points_are_done_is_not_lost(
     checkpoint = tmp_path / "points.npz" if kept else None
     try:
         function = problem.function("joint", options=TIGHT, checkpoint=checkpoint)
+        x = np.array([function.nominal, 0.9 * function.nominal])
         monkeypatch.setattr(function_module, "walked", walked)
         with pytest.raises(KeyboardInterrupt, match="2 of 2 points"):
-            function(np.array([function.nominal, 0.9 * function.nominal]))
+            function(x)
     finally:
         signal.signal(signal.SIGINT, before)
     function.close()
@@ -278,5 +279,5 @@ def test_ctrl_c_when_all_points_are_done_is_not_lost(
         return
     monkeypatch.setattr(function_module, "walked", lambda *args, **settings: pytest.fail("solved again"))
     again = problem.function("joint", options=TIGHT, checkpoint=checkpoint)
-    assert again(function.nominal) == pytest.approx(closed(function.nominal[None])[0, 0], rel=1e-8)
+    assert again(x)[:, 0] == pytest.approx(closed(x)[:, 0], rel=1e-8)
     again.close()
