@@ -172,6 +172,14 @@ class Response(Arithmetic):
     def __le__(self, other: Any) -> Event:
         return self._over(other, "<", below=True)
 
+    def __eq__(self, other: object) -> bool:
+        if is_real(other):
+            raise SceneError(f"event: {self.name} == {short(other)} never happens; compare with < or >")
+        return self is other
+
+    def __hash__(self) -> int:
+        return id(self)
+
     def __repr__(self) -> str:
         return f"Response({self.name})"
 

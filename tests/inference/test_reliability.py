@@ -112,6 +112,9 @@ def test_events() -> None:
         0.0 < a < 1.0  # noqa: B015
     with pytest.raises(SceneError, match="compare with a finite number"):
         a > math.inf  # noqa: B015
+    with pytest.raises(SceneError, match="never happens; compare with < or >"):
+        a == 3.0  # noqa: B015
+    assert a == a and a != Response("joint") and len({a, a}) == 1  # noqa: PLR0124
     with pytest.raises(SceneError, match="give one at least"):
         Event.any([])
 
