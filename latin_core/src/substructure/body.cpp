@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "latin/algebra/eigenvectors.hpp"
+#include "latin/algebra/inverse.hpp"
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/algebra/trailing.hpp"
 #include "latin/algebra/triangle.hpp"
@@ -979,7 +980,7 @@ const Matrix& Body::schur() const {
     if (inverse.info() != Eigen::Success) {
       throw NumericalError("body '" + name_ + "': its condensed stiffness is not definite");
     }
-    return Matrix(inverse.solve(Matrix::Identity(active_, active_)));
+    return algebra::inverse_of_factored(inverse.matrixLLT());
   });
 }
 
@@ -1015,14 +1016,22 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   if (count == 0) {
     return Matrix(0, 0);
   }
-  const Index first = condensed() ? 0 : size_ - active_;
-  Matrix unit = Matrix::Zero(condensed() ? active_ : size_, count);
-  for (Index column = 0; column < count; ++column) {
-    unit(first + unknowns[static_cast<std::size_t>(column)], column) = 1.0;
-  }
   if (!condensed()) {
-    const Matrix response = factor_->solve(unit);
-    return response.bottomRows(active_)(unknowns, every);
+    constexpr Index side_by_side = 256;  // all unknowns of the body in each
+    Matrix inverse(count, count);
+    for (Index from = 0; from < count; from += side_by_side) {
+      const Index columns = std::min(side_by_side, count - from);
+      Matrix unit = Matrix::Zero(size_, columns);
+      for (Index column = 0; column < columns; ++column) {
+        unit(size_ - active_ + unknowns[static_cast<std::size_t>(from + column)], column) = 1.0;
+      }
+      inverse.middleCols(from, columns) = factor_->solve(unit).bottomRows(active_)(unknowns, every);
+    }
+    return inverse;
+  }
+  Matrix unit = Matrix::Zero(active_, count);
+  for (Index column = 0; column < count; ++column) {
+    unit(unknowns[static_cast<std::size_t>(column)], column) = 1.0;
   }
   condensed_.triangularView<Eigen::Lower>().solveInPlace(unit);
   return unit.transpose() * unit;

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <utility>
 
+#include "latin/algebra/inverse.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
@@ -44,7 +45,7 @@ PairSide::PairSide(const Body& of, Index row_in_body, const Vector& weights)
     return;
   }
   const Eigen::LLT<Matrix> compliance(of.inverse_block(touched));
-  held = (1.0 + mu) * compliance.solve(Matrix::Identity(count, count));
+  held = (1.0 + mu) * algebra::inverse_of_factored(compliance.matrixLLT());
   const Vector springs = weights.cwiseProduct(direction);
   held -= Matrix(SparseRows(trace.transpose() * (springs.asDiagonal() * trace)));
 }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "latin/algebra/inverse.hpp"
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
@@ -307,8 +308,8 @@ void Tangent::factorise_sparse() {
 }
 
 void Tangent::invert() {
-  const Matrix unit = Matrix::Identity(active_, active_);
-  inverse_ = symmetric_ ? Matrix(cholesky_.solve(unit)) : Matrix(lu_.solve(unit));
+  inverse_ = symmetric_ ? algebra::inverse_of_factored(cholesky_.matrixLLT())
+                        : Matrix(lu_.solve(Matrix::Identity(active_, active_)));
 }
 
 Matrix Tangent::solve(const Matrix& load) {

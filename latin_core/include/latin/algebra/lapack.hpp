@@ -9,6 +9,7 @@ int dtrsm_(const char* side, const char* uplo, const char* transa, const char* d
            const int* n, const double* alpha, const double* a, const int* lda, double* b,
            const int* ldb);
 int dpotrf_(const char* uplo, const int* n, double* a, const int* lda, int* info);
+void dpotri_(const char* uplo, const int* n, double* a, const int* lda, int* info);
 void dgetrf_(const int* m, const int* n, double* a, const int* lda, int* pivots, int* info);
 void dsyevd_(const char* jobz, const char* uplo, const int* n, double* a, const int* lda, double* w,
              double* work, const int* lwork, int* iwork, const int* liwork, int* info);
