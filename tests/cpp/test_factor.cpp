@@ -88,7 +88,7 @@ TEST(Factor, SolvesAndCondensesInEitherOrder) {
       latin::Matrix unit = latin::Matrix::Zero(size, trailing);
       unit.bottomRows(trailing).setIdentity();
       const latin::Matrix inverse = factor->solve(unit).bottomRows(trailing);
-      const latin::Matrix half = factor->trailing_factor();
+      const latin::Matrix half = factor->trailing_factor().triangularView<Eigen::Lower>();
       EXPECT_LT(
           (half * half.transpose() * inverse - latin::Matrix::Identity(trailing, trailing)).norm(),
           1e-12);
