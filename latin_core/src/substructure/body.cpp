@@ -767,9 +767,9 @@ bool Body::take_over(const Body& before) {
   change.prune([&](const Index&, const Index&, double value) {
     return std::abs(value) > rounded * largest;
   });
-  factor_ = change.nonZeros() == 0 ? old.factor
-                                   : std::make_shared<const algebra::ChangedTrailing>(
-                                         old.factor, change, name_);
+  factor_ = change.nonZeros() == 0
+                ? old.factor
+                : std::make_shared<const algebra::ChangedTrailing>(old.factor, change, name_);
   cost_.factor_numbers = factor_->nonzeros();
   origin_ = before.origin_;
   return true;
@@ -867,7 +867,8 @@ const Matrix* Body::compliance(Index columns) const {
     // decided by this call alone, so that an answer does not depend on those before it
     constexpr Index least_columns = 16;
     constexpr Index likely_stages = 40;
-    if (columns < least_columns || size > likely_stages * columns || !well_scaled(condensed_factor())) {
+    if (columns < least_columns || size > likely_stages * columns ||
+        !well_scaled(condensed_factor())) {
       return nullptr;
     }
   } else if (const Matrix* made = compliance_.made()) {
@@ -956,7 +957,8 @@ Matrix Body::reduce(ConstMatrixRef forces, Matrix& partial) const {
 }
 
 Matrix Body::expand(ConstMatrixRef active, Matrix partial) const {
-  partial.bottomRows(active_) = condensed_factor().transpose().triangularView<Eigen::Upper>() * active;
+  partial.bottomRows(active_) =
+      condensed_factor().transpose().triangularView<Eigen::Upper>() * active;
   return factor_->backward(partial);
 }
 
