@@ -63,7 +63,8 @@ class Cost:
     iteration_flops, iteration_bytes
         Operations of one iteration with all columns, and bytes that it reads.
     memory
-        Bytes of the factors, the dense blocks, Newton's matrices and the history of the iteration.
+        Bytes of the factors (dense blocks are a part of them), the operators of pairs, Newton's matrices and
+        the history of the iteration.
     direct, multigrid
         Most bytes at one time, beside the matrices of the parts: with factors, and with
         ``backend="multigrid"``.
@@ -202,15 +203,13 @@ def predict(
     """
     kept = tuple(active)
     unknowns = touched = rows = matrices = 0
-    numbers = flops = products = blocks = of_newton = 0.0
+    numbers = flops = products = of_pairs = of_newton = 0.0
     for body in bodies_of(problem, kept):
         numbers += body.entries
         flops += body.flops
         matrices += body.matrix
         block = float(body.active) ** 2
-        block = min(block, 4.0 * body.entries)  # else the sparse factor is applied
-        blocks += block
-        products += 2.0 * block
+        products += 2.0 * min(block, 4.0 * body.entries)  # else the sparse factor is applied
         unknowns += body.unknowns
         touched += body.active
         if dense:  # the same body without its search direction
@@ -222,7 +221,7 @@ def predict(
         sides = problem.interfaces[name].sides
         if len(sides) == 2:
             block = float(problem.dim * sum(len(side.nodes) for side in sides)) ** 2
-            blocks += block
+            of_pairs += block
             products += 2.0 * block
             flops += block**1.5
     depth = options.acceleration if kept else 0
@@ -243,8 +242,8 @@ def predict(
         factor_flops=flops,
         iteration_flops=columns * (products + rows * (20.0 + 4.0 * depth)) if rows else 0.0,
         iteration_bytes=8.0 * products / 2.0 + history if rows else 0.0,
-        memory=8.0 * (numbers + blocks + of_newton) + history,
-        direct=8.0 * (numbers + blocks + of_newton) + history + BYTES_OF_ENTRY * matrices,
+        memory=8.0 * (numbers + of_pairs + of_newton) + history,
+        direct=8.0 * (numbers + of_pairs + of_newton) + history + BYTES_OF_ENTRY * matrices,
         multigrid=_multigrid(problem, unknowns, columns) + history,
     )
 

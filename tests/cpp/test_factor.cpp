@@ -88,12 +88,45 @@ TEST(Factor, SolvesAndCondensesInEitherOrder) {
       latin::Matrix unit = latin::Matrix::Zero(size, trailing);
       unit.bottomRows(trailing).setIdentity();
       const latin::Matrix inverse = factor->solve(unit).bottomRows(trailing);
-      const latin::Matrix half = factor->trailing_factor();
+      const latin::Matrix half = factor->trailing_factor().triangularView<Eigen::Lower>();
       EXPECT_LT(
           (half * half.transpose() * inverse - latin::Matrix::Identity(trailing, trailing)).norm(),
           1e-12);
     }
   }
+}
+
+TEST(Factor, CondensesFacesThatAreNotCoupled) {
+  const latin::SparseRows grid = block_grid(8);
+  const latin::Index trailing = 150;
+  const latin::Index interior = grid.rows() - trailing;
+  std::vector<Eigen::Triplet<double>> entries;  // two grids, the last unknowns of both at the end
+  for (int which = 0; which < 2; ++which) {
+    const auto place = [&](latin::Index i) {
+      const latin::Index first = i < interior ? which * interior : interior + which * trailing;
+      return static_cast<int>(first + i);
+    };
+    for (latin::Index row = 0; row < grid.rows(); ++row) {
+      for (latin::SparseRows::InnerIterator it(grid, row); it; ++it) {
+        entries.emplace_back(place(row), place(it.col()), it.value());
+      }
+    }
+  }
+  latin::SparseRows both(2 * grid.rows(), 2 * grid.rows());
+  both.setFromTriplets(entries.begin(), entries.end());
+  const FactorBackend backend = FactorBackend::automatic;
+  const auto one = latin::algebra::factorise(grid, trailing, backend, "grid");
+  const auto two = latin::algebra::factorise(both, 2 * trailing, backend, "grids");
+  if (!two->condenses()) {
+    GTEST_SKIP() << "this backend does not condense";
+  }
+  latin::Matrix expected = latin::Matrix::Zero(2 * trailing, 2 * trailing);
+  expected.topLeftCorner(trailing, trailing) =
+      one->trailing_factor().triangularView<Eigen::Lower>();
+  expected.bottomRightCorner(trailing, trailing) = expected.topLeftCorner(trailing, trailing);
+  const latin::Matrix found = two->trailing_factor().triangularView<Eigen::Lower>();
+  // the condition number is below 100
+  EXPECT_LT((found - expected).norm(), 1e-13 * expected.norm());
 }
 
 TEST(Factor, RefusesAMotionThatNothingHolds) {

@@ -327,8 +327,10 @@ class CholmodFactor final : public Factor {
     std::ranges::copy(order, static_cast<Int*>(factor_->Perm));  // for solve(), from here on
     factor_->ordering = CHOLMOD_GIVEN;
     if (schur != nullptr) {
-      *schur = trailing_factor();
+      *schur = copied_trailing();
       make_trailing_identity();
+    } else {
+      find_trailing();
     }
     refuse_singular(ordered, name, schur != nullptr ? size_ - trailing_ : size_);
   }
@@ -354,7 +356,12 @@ class CholmodFactor final : public Factor {
     return solve_with({CHOLMOD_Lt, CHOLMOD_Pt}, rhs);
   }
 
-  [[nodiscard]] Matrix trailing_factor() const override {
+  [[nodiscard]] MatrixView trailing_factor() const override {
+    return {trailing_values_, trailing_, trailing_, Eigen::OuterStride<>(trailing_stride_)};
+  }
+
+ private:
+  [[nodiscard]] Matrix copied_trailing() const {
     Matrix dense = Matrix::Zero(trailing_, trailing_);
     const auto first = static_cast<Int>(size_ - trailing_);
     each_trailing([&](Int row, Int column, const double& value) {
@@ -363,7 +370,26 @@ class CholmodFactor final : public Factor {
     return dense;
   }
 
- private:
+  /// Where the factor of the trailing unknowns is: in the last supernode. Several have those of a body whose faces
+  /// are not all coupled, and only then are its numbers kept twice.
+  void find_trailing() {
+    if (trailing_ == 0) {
+      return;
+    }
+    const auto* super = static_cast<const Int*>(factor_->super);
+    const std::size_t last = factor_->nsuper - 1;
+    const std::ptrdiff_t before = size_ - trailing_ - super[last];
+    if (before < 0) {
+      trailing_copy_ = copied_trailing();
+      trailing_values_ = trailing_copy_.data();
+      trailing_stride_ = trailing_;
+      return;
+    }
+    trailing_stride_ = size_ - super[last];
+    trailing_values_ = static_cast<const double*>(factor_->x) +
+                       static_cast<const Int*>(factor_->px)[last] + before * (trailing_stride_ + 1);
+  }
+
   /// Call `visit` of the numbers in the block of the trailing unknowns.
   template <class Visit>
   void each_trailing(const Visit& visit) const {
@@ -475,6 +501,9 @@ class CholmodFactor final : public Factor {
   cholmod_common common_{};
   cholmod_factor* factor_ = nullptr;
   double least_pivot_ = 1.0;
+  const double* trailing_values_ = nullptr;  ///< of the trailing factor
+  Index trailing_stride_ = 0;                ///< between its columns
+  Matrix trailing_copy_;                     ///< empty: it is read where it is
 };
 
 /// With 64-bit indices where 32 bits cannot count the numbers of the factor, or where they are asked for.
@@ -550,7 +579,7 @@ class MumpsFactor final : public Factor {
     return output;
   }
 
-  [[nodiscard]] Matrix trailing_factor() const override { refuse_condensing(); }
+  [[nodiscard]] MatrixView trailing_factor() const override { refuse_condensing(); }
   [[nodiscard]] Matrix forward(ConstMatrixRef /*rhs*/) const override { refuse_condensing(); }
   [[nodiscard]] Matrix backward(ConstMatrixRef /*rhs*/) const override { refuse_condensing(); }
 

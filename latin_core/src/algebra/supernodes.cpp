@@ -240,13 +240,14 @@ class LeftLooking {
   void assemble(std::size_t s, std::vector<Int>& place) const {
     const Offset high = height(s);
     double* const out = values(s);
-    std::fill_n(out, high * width(s), 0.0);
     const Int* const own = rows(s);
     for (Offset i = 0; i < high; ++i) {
       place[static_cast<std::size_t>(own[i])] = static_cast<Int>(i);
     }
     for (Offset column = 0; column < width(s); ++column) {
       double* const of_column = out + column * high;
+      // what is above the diagonal is not touched: of large supernodes its memory is never taken
+      std::fill(of_column + column, of_column + high, 0.0);
       const Offset j = begin(s) + column;
       for (Offset at = matrix_.first[j]; at < matrix_.first[j + 1]; ++at) {
         of_column[place[static_cast<std::size_t>(matrix_.rows[at])]] += matrix_.values[at];

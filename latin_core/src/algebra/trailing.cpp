@@ -8,12 +8,11 @@
 
 namespace latin::algebra {
 
-ChangedTrailing::ChangedTrailing(std::shared_ptr<const Factor> first, Matrix trailing,
-                                 const SparseRows& change, const std::string& name)
-    : first_(std::move(first)), trailing_(std::move(trailing)) {
-  const Index size = trailing_.rows();
-  Matrix sum = Matrix::Zero(size, size);
-  const Matrix lower = trailing_.triangularView<Eigen::Lower>();
+ChangedTrailing::ChangedTrailing(std::shared_ptr<const Factor> first, const SparseRows& change,
+                                 const std::string& name)
+    : first_(std::move(first)) {
+  const Matrix lower = first_->trailing_factor().triangularView<Eigen::Lower>();
+  Matrix sum = Matrix::Zero(lower.rows(), lower.cols());
   sum.selfadjointView<Eigen::Lower>().rankUpdate(lower);
   for (Index row = 0; row < change.outerSize(); ++row) {
     for (SparseRows::InnerIterator it(change, row); it; ++it) {
@@ -32,17 +31,17 @@ ChangedTrailing::ChangedTrailing(std::shared_ptr<const Factor> first, Matrix tra
 
 Matrix ChangedTrailing::forward(ConstMatrixRef rhs) const {
   Matrix partial = first_->forward(rhs);
-  auto own = partial.bottomRows(trailing_.rows());
-  own = (trailing_.triangularView<Eigen::Lower>() * own).eval();
+  auto own = partial.bottomRows(changed_.rows());
+  own = (first_->trailing_factor().triangularView<Eigen::Lower>() * own).eval();
   changed_.triangularView<Eigen::Lower>().solveInPlace(own);
   return partial;
 }
 
 Matrix ChangedTrailing::backward(ConstMatrixRef rhs) const {
   Matrix partial = rhs;
-  auto own = partial.bottomRows(trailing_.rows());
+  auto own = partial.bottomRows(changed_.rows());
   changed_.triangularView<Eigen::Lower>().transpose().solveInPlace(own);
-  own = (trailing_.triangularView<Eigen::Lower>().transpose() * own).eval();
+  own = (first_->trailing_factor().transpose().triangularView<Eigen::Upper>() * own).eval();
   return first_->backward(partial);
 }
 

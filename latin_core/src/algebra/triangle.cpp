@@ -20,11 +20,10 @@ void pieces_below(Index row, Index rows, const Visit& visit) {
 
 }  // namespace
 
-void solve_with_triangle(const Matrix& lower, MatrixRef x) {
-  const auto triangle = lower.triangularView<Eigen::Lower>();
+void solve_with_triangle(ConstMatrixRef lower, MatrixRef x) {
   if (x.cols() > few_columns) {
-    triangle.solveInPlace(x);
-    triangle.transpose().solveInPlace(x);
+    lower.triangularView<Eigen::Lower>().solveInPlace(x);
+    lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
     return;
   }
   const Index size = lower.rows();
@@ -50,10 +49,10 @@ void solve_with_triangle(const Matrix& lower, MatrixRef x) {
             lower.block(row, j, rows, count).transpose() * x.col(c).segment(row, rows);
       }
     });
-    const auto diagonal = lower.block(j, j, count, count).triangularView<Eigen::Lower>();
+    const auto diagonal = lower.block(j, j, count, count);
     for (Index c = 0; c < x.cols(); ++c) {
       auto part = x.col(c).segment(j, count);
-      diagonal.transpose().solveInPlace(part);
+      diagonal.transpose().triangularView<Eigen::Upper>().solveInPlace(part);
     }
   }
 }

@@ -157,7 +157,7 @@ bool dense_is_cheaper(Index size, Index active) {
 }
 
 /// Whether a product with the inverse is as good as two solutions with a triangular factor.
-bool well_scaled(const Matrix& factor) {
+bool well_scaled(const MatrixView& factor) {
   constexpr double least =
       1e-4;  // of the pivots, which bounds the condition number from below by 1e8
   const auto pivots = factor.diagonal();
@@ -436,8 +436,8 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   description = {};
   cost_.factorise_s = watch.lap();
   if (condense && factor_->condenses()) {
-    condensed_ = factor_->trailing_factor();
-    cost_.dense_numbers = static_cast<double>(condensed_.size());
+    condensed_ = true;
+    cost_.dense_numbers = static_cast<double>(active_) * static_cast<double>(active_);
     if (origin_ != nullptr && !kept_) {
       origin_ = std::make_shared<const Origin>(Origin{origin_->of, origin_->robin, factor_});
     }
@@ -579,9 +579,7 @@ std::shared_ptr<const Body> Body::with_factors(const std::vector<Vector>& factor
     }
   }
   body->factorise(lower, condensed(), options_);
-  if (condensed() && body->factor_->condenses()) {
-    body->condensed_ = body->factor_->trailing_factor();
-  }
+  body->condensed_ = condensed() && body->factor_->condenses();
   body->response_ = body->respond({});
   return body;
 }
@@ -770,9 +768,9 @@ bool Body::take_over(const Body& before) {
   change.prune([&](const Index&, const Index&, double value) {
     return std::abs(value) > rounded * largest;
   });
-  factor_ = change.nonZeros() == 0 ? old.factor
-                                   : std::make_shared<const algebra::ChangedTrailing>(
-                                         old.factor, old.factor->trailing_factor(), change, name_);
+  factor_ = change.nonZeros() == 0
+                ? old.factor
+                : std::make_shared<const algebra::ChangedTrailing>(old.factor, change, name_);
   cost_.factor_numbers = factor_->nonzeros();
   origin_ = before.origin_;
   return true;
@@ -870,7 +868,8 @@ const Matrix* Body::compliance(Index columns) const {
     // decided by this call alone, so that an answer does not depend on those before it
     constexpr Index least_columns = 16;
     constexpr Index likely_stages = 40;
-    if (columns < least_columns || size > likely_stages * columns || !well_scaled(condensed_)) {
+    if (columns < least_columns || size > likely_stages * columns ||
+        !well_scaled(condensed_factor())) {
       return nullptr;
     }
   } else if (const Matrix* made = compliance_.made()) {
@@ -887,7 +886,7 @@ const Matrix* Body::compliance(Index columns) const {
   }
   return &compliance_.get([this, of_rows, size] {
     Matrix half = of_rows ? Matrix(active_traces_.transpose()) : Matrix::Identity(size, size);
-    condensed_.triangularView<Eigen::Lower>().solveInPlace(half);
+    condensed_factor().triangularView<Eigen::Lower>().solveInPlace(half);
     Matrix product(size, size);
     product.noalias() = half.transpose() * half;
     return product;
@@ -915,7 +914,7 @@ void Body::apply(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const {
   }
   Eigen::Map<Matrix> unknowns = work.unknowns.shaped(active_, data.cols());
   multiply_sparse(active_loads_, data, unknowns);
-  algebra::solve_with_triangle(condensed_, unknowns);
+  algebra::solve_with_triangle(condensed_factor(), unknowns);
   multiply_sparse(active_traces_, unknowns, traces);
 }
 
@@ -926,7 +925,7 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
   }
   static_cast<void>(applied_.add(data.cols()));
   const Eigen::MatrixXf& factor =
-      condensed_single_.get([this] { return Eigen::MatrixXf(condensed_.cast<float>()); });
+      condensed_single_.get([this] { return Eigen::MatrixXf(condensed_factor().cast<float>()); });
   Eigen::Map<Matrix> unknowns = work.unknowns.shaped(active_, data.cols());
   multiply_sparse(active_loads_, data, unknowns);
   // scaled, because changes of the data may be far below what single precision can hold
@@ -955,18 +954,19 @@ double Body::rounding() const {
 
 Matrix Body::reduce(ConstMatrixRef forces, Matrix& partial) const {
   partial = factor_->forward(forces);
-  return condensed_.triangularView<Eigen::Lower>() * partial.bottomRows(active_);
+  return condensed_factor().triangularView<Eigen::Lower>() * partial.bottomRows(active_);
 }
 
 Matrix Body::expand(ConstMatrixRef active, Matrix partial) const {
-  partial.bottomRows(active_) = condensed_.triangularView<Eigen::Lower>().transpose() * active;
+  partial.bottomRows(active_) =
+      condensed_factor().transpose().triangularView<Eigen::Upper>() * active;
   return factor_->backward(partial);
 }
 
 const Matrix& Body::schur() const {
   return schur_.get([this] {
     if (condensed()) {
-      const Matrix lower = condensed_.triangularView<Eigen::Lower>();
+      const Matrix lower = condensed_factor().triangularView<Eigen::Lower>();
       Matrix product = Matrix::Zero(active_, active_);
       product.selfadjointView<Eigen::Lower>().rankUpdate(lower);
       return product;
@@ -995,7 +995,8 @@ const Body::Spectrum& Body::spectrum() const {
     // L^-1 R L^-T
     Matrix share = Matrix(active_traces_.transpose() *
                           (weights_.cwiseProduct(direction_).asDiagonal() * active_traces_));
-    const auto lower = condensed_.triangularView<Eigen::Lower>();
+    const MatrixView factor = condensed_factor();
+    const auto lower = factor.triangularView<Eigen::Lower>();
     lower.solveInPlace(share);
     share.transposeInPlace();
     lower.solveInPlace(share);
@@ -1005,7 +1006,7 @@ const Body::Spectrum& Body::spectrum() const {
       throw NumericalError("body '" + name_ + "': the eigenvalues of its springs did not converge");
     }
     spectrum.shares = shares.cwiseMax(0.0).cwiseMin(1.0);
-    lower.transpose().solveInPlace(share);
+    factor.transpose().triangularView<Eigen::Upper>().solveInPlace(share);
     spectrum.vectors = std::move(share);
     return spectrum;
   });
@@ -1033,7 +1034,7 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   for (Index column = 0; column < count; ++column) {
     unit(unknowns[static_cast<std::size_t>(column)], column) = 1.0;
   }
-  condensed_.triangularView<Eigen::Lower>().solveInPlace(unit);
+  condensed_factor().triangularView<Eigen::Lower>().solveInPlace(unit);
   return unit.transpose() * unit;
 }
 
@@ -1123,7 +1124,7 @@ Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
   if (inverse != nullptr) {
     by_stage = *inverse * by_stage;
   } else if (condensed()) {
-    algebra::solve_with_triangle(condensed_, by_stage);
+    algebra::solve_with_triangle(condensed_factor(), by_stage);
   } else {
     Matrix all = Matrix::Zero(size_, data.cols());
     all.bottomRows(active_) = by_stage;

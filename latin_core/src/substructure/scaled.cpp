@@ -92,8 +92,9 @@ ScaledBody::ScaledBody(const Body& body, const Matrix& extra) : body_(&body) {
         return Matrix::Zero(body.active(), 0);
       }
       const Matrix moved = body.factor_->solve(forces).bottomRows(body.active());
-      const auto lower = body.condensed_.triangularView<Eigen::Lower>();
-      return spectrum.vectors.transpose() * Matrix(lower * Matrix(lower.transpose() * moved));
+      const MatrixView lower = body.condensed_factor();
+      const Matrix half = lower.transpose().triangularView<Eigen::Upper>() * moved;
+      return spectrum.vectors.transpose() * Matrix(lower.triangularView<Eigen::Lower>() * half);
     };
     fixed_ = modal(fixed);
     of_stiffness_ = modal(of_stiffness);

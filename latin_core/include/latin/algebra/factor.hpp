@@ -32,9 +32,9 @@ class Factor {
   /// trailing unknowns are the last rows on both sides.
   [[nodiscard]] virtual Matrix forward(ConstMatrixRef rhs) const = 0;
   [[nodiscard]] virtual Matrix backward(ConstMatrixRef rhs) const = 0;
-  /// Lower triangular (trailing, trailing) factor L of the Schur complement S = L L^T on the trailing
-  /// unknowns, in their given order.
-  [[nodiscard]] virtual Matrix trailing_factor() const = 0;
+  /// Lower triangle of the (trailing, trailing) factor L of the Schur complement S = L L^T on the trailing
+  /// unknowns, in their given order. It is a part of this factor, not a copy: what is above it is no number to use.
+  [[nodiscard]] virtual MatrixView trailing_factor() const = 0;
   /// True where trailing_factor() is available.
   [[nodiscard]] virtual bool condenses() const = 0;
   /// Numbers stored in the factor.

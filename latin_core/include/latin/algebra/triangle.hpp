@@ -10,6 +10,6 @@ namespace latin::algebra {
 /// columns while it is in the cache. From four columns on it is left to BLAS.
 /// @param lower (n, n), of which the lower triangle is read
 /// @param x     (n, c), columns without gaps
-void solve_with_triangle(const Matrix& lower, MatrixRef x);
+void solve_with_triangle(ConstMatrixRef lower, MatrixRef x);
 
 }  // namespace latin::algebra

@@ -11,6 +11,8 @@ using Vector = Eigen::VectorXd;
 using Matrix = Eigen::MatrixXd;
 using ConstMatrixRef = Eigen::Ref<const Matrix>;
 using MatrixRef = Eigen::Ref<Matrix>;
+/// A block inside of a matrix by columns that somebody else keeps.
+using MatrixView = Eigen::Map<const Matrix, Eigen::Unaligned, Eigen::OuterStride<>>;
 using ConstVectorRef = Eigen::Ref<const Vector>;
 
 /// 32-bit indices, as PETSc's and CHOLMOD's default builds.

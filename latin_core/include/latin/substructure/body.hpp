@@ -134,9 +134,9 @@ class Body {
   /// Whether all its load patterns are zero.
   [[nodiscard]] bool unloaded() const { return (load_.array() == 0.0).all(); }
   [[nodiscard]] Index active() const { return active_; }
-  [[nodiscard]] bool condensed() const { return condensed_.size() > 0; }
-  /// L of the Schur complement on the active unknowns; empty if not condensed.
-  [[nodiscard]] const Matrix& condensed_factor() const { return condensed_; }
+  [[nodiscard]] bool condensed() const { return condensed_; }
+  /// L of the Schur complement on the active unknowns of a condensed body: the lower triangle, a part of its factor.
+  [[nodiscard]] MatrixView condensed_factor() const { return factor_->trailing_factor(); }
   /// Traces of the active unknowns, (rows, active).
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
@@ -314,7 +314,7 @@ class Body {
   Vector weights_;
   Vector direction_;
   std::shared_ptr<const algebra::Factor> factor_;
-  Matrix condensed_;  ///< L of the Schur complement, or empty
+  bool condensed_ = false;  ///< whether the factor has L of the Schur complement
   /// What a body with other sides can take over: a factor that condenses, of the operator with `robin`.
   struct Origin {
     Fingerprint of;    ///< members and springs, in the order of the unknowns
