@@ -52,7 +52,7 @@ from dolfinx_frontend.estimate.zones import (
     SEEN,
     acted,
     all_values_of,
-    contact_edges,
+    contact_zones,
     loading,
     parts_read,
     places_of,
@@ -85,6 +85,9 @@ AT_DEGREE, MOST_RAISED = 0.32, 0.8
 """This factor where degree 2 became 3 in parts with most of the error, this share at least: a free corner of
 270 degrees keeps (2 / 3)^(4 0.54) = 0.42 of its error then, 0.71 of the change, which is `MARGIN` times what
 this factor says; clamped corners keep 0.3, smooth answers less. With less of it in them it is the least."""
+
+MOST_BESIDE = 2.0
+"""What a change is beside what estimates foretell, relative to itself: at most."""
 
 LEAST_AT_EDGES = 0.25
 """Share of a change that edges of contact zones are taken for at least."""
@@ -194,6 +197,9 @@ class Judged:
         self.by_part: list[dict[str, float]] = []
         self.raised: dict[int, float] = {}
         self.edges: dict[str, Array] = {}
+        self.alike: dict[str, list[tuple[int, bytes]]] = {}
+        self.points: list[dict[str, int]] = []
+        self.corrections: list[float | None] = []
         self.meshes: dict[str, Cells] = {}
         self.cells: dict[str, Array] = {}
         self.unseen: dict[str, float] = {}
@@ -266,8 +272,12 @@ class Judged:
             share = sum(old[name] for name in higher) / max(sum(old.values()), 1e-300)
             self.raised[len(self.steps)] = share
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
-        self.edges, across = contact_edges(result)
+        across = self._look_at_contacts(result)
+        self.corrections.append(found.correction)
         seen = self._change(value) if self.weighted else self._change_alone(value)
+        if self.weighted and self._beside_curved():
+            beside = estimate + self._unexplained(value)
+            seen = float(np.fmax(seen, beside))
         said, how = estimate, "recovered stresses"
         if not self.weighted:
             said, how = seen, "the change from mesh to mesh"
@@ -304,12 +314,35 @@ class Judged:
         second = len(self.steps) > 1
         seen_well = across >= RESOLVED or (second and across >= SEEN and 2.0 * said <= self.target)
         self.confirmed = (self._followed() if self.read else second or alone) and seen_well
+        self.confirmed = self.confirmed and self._points_followed()
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
         if problem.rank == 0:
             _log.info("%s", line)
         if problem.rank == 0 and self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
+
+    def _look_at_contacts(self, result: Result) -> float:
+        """Find the edges of contact zones, and how many points the zone with the fewest has in each direction.
+
+        Where all points of one do the same with friction that is nearly used up, its edge may be between them:
+        two meshes with different points must agree that there is none.
+        """
+        zones = contact_zones(result)
+        self.points.append({n: i.num_points for n, i in result.problem.interfaces.items()})
+        self.edges = dict(zones.edges)
+        for name, (closed, does) in zones.alike.items():
+            known = self.alike.setdefault(name, [])
+            count = self.points[-1][name]
+            if not any(does == before and count > fewer for fewer, before in known):
+                self.edges[name] = closed
+            known.append((count, does))
+        return zones.across
+
+    def _points_followed(self) -> bool:
+        """Whether some step has given all contacts with an edge more points: a higher degree leaves them as
+        they are, and with them what these do not see."""
+        return all(self.points[-1][name] > self.points[0][name] for name in self.edges)
 
     def _answers(self, result: Result, share: ErrorShare) -> None:
         """What Ctrl-C returns from now on, until there is something better."""
@@ -626,6 +659,25 @@ class Judged:
             since *= fall if since == 1.0 else fall * FORGOTTEN
             of_one = since / np.sqrt(1.0 - fall**2) if value is None else since / (1.0 - fall)
             left = max(left, float(change * of_one))
+        return left
+
+    def _unexplained(self, value: float | None) -> float:
+        """What is left of the part of the changes from mesh to mesh that the estimates do not foretell, with
+        their signs: where a contact slips or opens on one mesh and not on another, slopes at the answer know
+        nothing of it. NaN: there is one mesh only, or no estimate with a sign.
+
+        It falls as at the edge of a contact zone, in steps that give the contact more points.
+        """
+        if not self.steps or value is None or any(each is None for each in self.corrections):
+            return np.nan
+        changes = np.diff(np.array([step.value for step in self.steps] + [value], dtype=np.float64))
+        foretold = -np.diff(np.array(self.corrections, dtype=np.float64))
+        beside = np.minimum(np.abs(changes - foretold), MOST_BESIDE * np.abs(changes))
+        left, since = 0.0, AT_EDGES
+        for k in range(len(beside) - 1, -1, -1):
+            left = max(left, share_of(float(beside[k]), self._size(value)) * since / (1.0 - AT_EDGES))
+            if any(self.points[k + 1][name] > self.points[k][name] for name in self.points[k]):
+                since *= AT_EDGES * FORGOTTEN
         return left
 
     def _changes(self, value: float | None) -> Array:
