@@ -89,6 +89,9 @@ this factor says; clamped corners keep 0.3, smooth answers less. With less of it
 MOST_BESIDE = 2.0
 """What a change is beside what estimates foretell, relative to itself: at most."""
 
+BLIND = 3.0
+"""Times the estimate before that a change is if estimates do not see what changes."""
+
 LEAST_AT_EDGES = 0.25
 """Share of a change that edges of contact zones are taken for at least."""
 
@@ -244,7 +247,7 @@ class Judged:
         if of_quantity:
             size = self._size(value)
             estimate, least = (share_of(each or 0.0, size) for each in (found.seen, found.quantity))
-            sure = share_of(found.bound or 0.0, size)
+            sure = share_of(found.uncancelled, size)
         else:
             estimate = sure = found.energy if self.quantity is None else np.nan
             least = 0.0
@@ -314,7 +317,7 @@ class Judged:
         second = len(self.steps) > 1
         seen_well = across >= RESOLVED or (second and across >= SEEN and 2.0 * said <= self.target)
         self.confirmed = (self._followed() if self.read else second or alone) and seen_well
-        self.confirmed = self.confirmed and self._points_followed()
+        self.confirmed = self.confirmed and self._contacts_followed(value)
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
         if problem.rank == 0:
@@ -339,10 +342,24 @@ class Judged:
             known.append((count, does))
         return zones.across
 
-    def _points_followed(self) -> bool:
+    def _contacts_followed(self, value: float | None) -> bool:
         """Whether some step has given all contacts with an edge more points: a higher degree leaves them as
-        they are, and with them what these do not see."""
-        return all(self.points[-1][name] > self.points[0][name] for name in self.edges)
+        they are, and with them what these do not see. And whether two changes fall, where they are much more
+        than the estimates say."""
+        if not (self.weighted and self._beside_curved()):
+            return True
+        if not all(self.points[-1][name] > self.points[0][name] for name in self.edges):
+            return False
+        changes = self._changes(value)
+        blind = len(changes) > 0 and changes[-1] > max(BLIND * self.estimates[-2], TINY * self.target)
+        return not blind or self._changes_fall(changes)
+
+    def _changes_fall(self, changes: Array) -> bool:
+        """Whether the last two of the changes fall as where it converges, or do not count."""
+        if len(changes) < 2:
+            return False
+        before, last = changes[-2:]
+        return bool(last <= RATE * before or max(before, last) <= TINY * self.target)
 
     def _answers(self, result: Result, share: ErrorShare) -> None:
         """What Ctrl-C returns from now on, until there is something better."""
@@ -611,8 +628,7 @@ class Judged:
             return False
         if self.weighted:
             return True
-        before, last = self._changes(self.steps[-1].value)[-2:]
-        return bool(last <= RATE * before or max(before, last) <= TINY * self.target)
+        return self._changes_fall(self._changes(self.steps[-1].value))
 
     def _measured(self, result: Result) -> DiscretisationError:
         if self.quantity is not None and with_dual(result.problem, self.quantity) is not None:
@@ -672,7 +688,9 @@ class Judged:
             return np.nan
         changes = np.diff(np.array([step.value for step in self.steps] + [value], dtype=np.float64))
         foretold = -np.diff(np.array(self.corrections, dtype=np.float64))
-        beside = np.minimum(np.abs(changes - foretold), MOST_BESIDE * np.abs(changes))
+        # a change that is less than foretold, in the same direction, is in the estimate
+        sizes = np.abs(changes)
+        beside = np.clip(sizes - foretold * np.sign(changes), 0.0, MOST_BESIDE * sizes)
         left, since = 0.0, AT_EDGES
         for k in range(len(beside) - 1, -1, -1):
             left = max(left, share_of(float(beside[k]), self._size(value)) * since / (1.0 - AT_EDGES))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
@@ -18,7 +19,7 @@ from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.contact import CLOSED as STICKS
-from dolfinx_frontend.results.contact import OPEN, SLIPS, contact_states, slip_use
+from dolfinx_frontend.results.contact import OPEN, SLIPS, ContactValues, contact_states, slip_use
 from dolfinx_frontend.results.errors import Place
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.readings import column_of
@@ -108,21 +109,25 @@ class Zones(NamedTuple):
     alike: dict[str, tuple[Array, bytes]]
 
 
-def contact_zones(result: Result) -> Zones:
-    """What the contacts of an answer do; collective."""
+def contact_zones(result: Result, step: int = -1) -> Zones:
+    """What the contacts of an answer do at a step of a load history; collective."""
     out, across, alike, problem = {}, np.inf, {}, result.problem
     unilateral = [name for name in result.plan.active if problem.interfaces[name].law.unilateral]
     with agreement(problem.comm):
         forces = {name: np.asarray(result.force(name)) for name in unilateral if problem.speaks_for(name)}
     for name, force in problem.gather(forces).items():
         interface = problem.interfaces[name]
-        state, used = _states(result, name, force.reshape(-1, *force.shape[-2:]))
+        contact = law_contact(result.problem, result.plan, name)
+        force = force.reshape(-1, *force.shape[-2:])
+        state, used = _states(interface, contact, force[: step % len(force) + 1])
         closed = state[-1] != OPEN
         if not closed.any():
             continue
         own = float(np.count_nonzero(closed) ** (1.0 / (interface.dim - 1)))
         uniform = interface.covered > COVERED and bool(np.all(state == state[:, :1]))
-        if uniform and own >= SEEN - 1e-9:
+        if uniform and contact is not None and np.any(np.ptp(contact.clearance, axis=-1) > 0.0):
+            out[name] = interface.points[closed]  # between the points nothing has its gap
+        elif uniform and own >= SEEN - 1e-9:
             if used > NEARLY_USED:
                 alike[name] = interface.points[closed], state[:, 0].tobytes()
             continue
@@ -138,20 +143,23 @@ def contact_zones(result: Result) -> Zones:
     return Zones(out, across, alike)
 
 
-def _states(result: Result, name: str, force: Array) -> tuple[Array, float]:
+def _states(
+    interface: Interface, contact: ContactValues | None, force: Array
+) -> tuple[Array, float]:
     """Where a contact is open, sticks or slips (times, m) by its force (times, m, components), at its end or,
     where that remembers them, at all times; and the largest share of the friction limit that is used."""
-    if not result.problem.interfaces[name].law.history:
-        force = force[-1:]
+    last = len(force)
+    first = 0 if interface.law.history else last - 1
+    force = force[first:]
     normal, shear = force[..., 0], np.linalg.norm(force[..., 1:], axis=-1)
     closed = normal < -CLOSED * np.abs(normal).max(axis=-1, keepdims=True, initial=0.0)
-    contact = law_contact(result.problem, result.plan, name)
     limits = None if contact is None else contact.limits
     if limits is None:
         return np.where(closed, STICKS, OPEN), 0.0
-    last = limits[0][0, -len(force) :], limits[1][0, -len(force) :]
-    slips = contact_states(normal, shear, last)[1]
-    used = float(slip_use(normal, shear, last).max(initial=0.0))
+    # of a law that does not change in time there is one
+    friction, threshold = (each[0] if each.shape[1] == 1 else each[0, first:last] for each in limits)
+    slips = contact_states(normal, shear, (friction, threshold))[1]
+    used = float(slip_use(normal, shear, (friction, threshold)).max(initial=0.0))
     return np.where(closed, np.where(slips, SLIPS, STICKS), OPEN), used
 
 

@@ -42,7 +42,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
-from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.laws.contact import CURVED
 
@@ -411,7 +411,7 @@ def _check_loads(
     shown = _without_climb(grips, motion)
     who, how = _names(motions, shown)
     events = "; ".join(_events(grips, shown)) or "no interface holds it"
-    raise SceneError(
+    raise BalanceError(
         f"no equilibrium{when}: {who} has lost its support: the loads move it by {how}, and no forces of "
         f"its interfaces balance them: {events}; {_MEND}"
     )
