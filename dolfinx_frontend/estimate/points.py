@@ -361,7 +361,7 @@ class Witnesses(NamedTuple):
     weights: Array  # (n,), of sum 1; 0 in the tails
     tails: Array  # (n,) probability of the piece of a tail that a point stands for, 0 elsewhere
     values: Array  # (n,) of the quantity
-    states: Array  # (n, k) of contacts, see `states_of`; empty where nothing judges kinks
+    states: Array = np.zeros((0, 0))  # (n, k) of contacts, see `all_states_of`; empty: no kink is looked for
 
 
 class Lost(NamedTuple):
@@ -453,7 +453,7 @@ def far_out(
         lines = np.concatenate([seen.points, lines])
         shares = np.concatenate([seen.tails, shares])
         values = np.concatenate([seen.values, values])
-    return Witnesses(lines, np.zeros(len(lines)), shares, values, np.zeros((len(lines), 0)))
+    return Witnesses(lines, np.zeros(len(lines)), shares, values)
 
 
 def _shares(scores: Array) -> Array:
