@@ -139,7 +139,7 @@ class _Reached:
     holds
         What it resists where it presses (of a history: where it touches).
     sticks
-        The same without the friction of points where it is used up.
+        The same without friction along the slip of points where it is used up.
     closed
         Whether it presses (touches) anywhere.
     """
@@ -701,8 +701,12 @@ def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list
         holds = sticks = held(result.problem, interface, closed)
         if limits is not None:
             at = tuple(each[0, min(k, each.shape[1] - 1)] for each in limits)
-            slips = contact_states(force[k, :, 0], np.linalg.norm(force[k, :, 1:], axis=1), (at[0], at[1]))[1]
-            rubs = np.repeat((closed & ~slips)[:, None], rows - 1, axis=1)
-            sticks = held(result.problem, interface, np.column_stack([closed, rubs]))
+            shear = np.linalg.norm(force[k, :, 1:], axis=1)
+            slips = contact_states(force[k, :, 0], shear, (at[0], at[1]))[1]
+            # a point that slips resists what would turn its slip
+            along = force[k, :, 1:] / np.maximum(shear, np.finfo(float).tiny)[:, None]
+            holding = np.tile(np.eye(rows), (len(closed), 1, 1)) * closed[:, None, None]
+            holding[slips, 1:, 1:] -= np.einsum("pi,pj->pij", along[slips], along[slips])
+            sticks = held(result.problem, interface, holding)
         found.append(_Reached(force[k], holds, sticks, bool(closed.any())))
     return found
