@@ -83,7 +83,7 @@ def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:
     return sides, given.T @ given, origin
 
 
-def _of_wrench(interface: Interface, length: float, where: Flags | None) -> Resistance:
+def _of_wrench(interface: Interface, length: float, where: Flags | Array | None) -> Resistance:
     """What an interface between mean motions of faces holds: one motion."""
     assert interface.wrench is not None
     d = interface.dim

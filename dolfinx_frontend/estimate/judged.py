@@ -326,9 +326,9 @@ class Judged:
             print(line, file=sys.stderr)
 
     def _look_at_contacts(self, result: Result) -> float:
-        """Find the edges of contact zones, and how many points the zone with the fewest has in each direction.
+        """Find the edges of contact zones, and how many points the one with the fewest has in each direction.
 
-        Where all points of one do the same with friction that is nearly used up, its edge may be between them:
+        Where all points do the same with friction that is nearly used up, there may be an edge between them:
         two meshes with different points must agree that there is none.
         """
         zones = contact_zones(result)

@@ -42,7 +42,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
-from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
+from dolfinx_frontend.common.errors import BalanceError, SceneWarning, warn
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.surfaces import law_contact
@@ -500,7 +500,7 @@ def check_support(result: Result) -> None:
 
     Raises
     ------
-    SceneError
+    BalanceError
         No admissible forces of the interfaces balance the loads: there is no equilibrium.
 
     Warns
@@ -592,7 +592,7 @@ def check_balance(result: Result) -> None:
 
     Raises
     ------
-    SceneError
+    BalanceError
         No admissible forces of the interfaces balance the loads: there is no equilibrium.
     """
     problem = result.problem

@@ -1,4 +1,4 @@
-"""Friction solved to an accuracy: what meshes do to it, believed from two meshes with different contact points.
+"""Friction solved to an accuracy: what meshes do to it, believed from two with different contact points.
 
 A block on another one is pressed, pushed aside and, in some scenes, pushed back. Their references are uniform
 meshes of 8 and 16 times as many cells, degree 2, carried on by 0.7 of their change, which is in `doubt`.

@@ -151,9 +151,8 @@ def test_a_kink_of_one_germ_is_in_what_is_said(away, accuracy):
     1.0e-3 off, said 1.9e-4."""
     half = np.sqrt(3.0) * SPREAD
     middle = MOVE + away * SPREAD
-    result = solve(
-        stop(gap=Uniform("gap", middle - half, middle + half)), accuracy=accuracy, quantity=FORCE, meshes=False
-    )
+    problem = stop(gap=Uniform("gap", middle - half, middle + half))
+    result = solve(problem, accuracy=accuracy, quantity=FORCE, meshes=False)
     reach, soft = MOVE - middle + half, LONG / YOUNG  # of the gap, from its lower end on
     first, second = (reach**n / (n * 2.0 * half) for n in (2, 3))
     mean, std = HIGH / soft * first, HIGH / soft * np.sqrt(second - first**2)

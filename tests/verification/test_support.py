@@ -248,7 +248,7 @@ def between_plates(friction: float, shear: float) -> Problem:
 
 
 def test_a_place_that_only_friction_that_is_used_up_holds_is_one_of_many():
-    """Both faces slide: friction does not change when the block moves. With more friction above it follows."""
+    """Both faces slide: friction stays as it is when the block moves. With more above it follows."""
     with pytest.warns(SceneWarning, match="'mid' slips at step 1, t = 2 .*translation along x"):
         assert solve(between_plates(0.3, 0.015), times=[1.0, 2.0]).converged
     with warnings.catch_warnings():
