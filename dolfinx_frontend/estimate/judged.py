@@ -279,8 +279,7 @@ class Judged:
         self.corrections.append(found.correction)
         seen = self._change(value) if self.weighted else self._change_alone(value)
         if self.weighted and self._beside_curved():
-            beside = estimate + self._unexplained(value)
-            seen = float(np.fmax(seen, beside))
+            seen = float(np.fmax(seen, estimate + self._unexplained(value)))
         said, how = estimate, "recovered stresses"
         if not self.weighted:
             said, how = seen, "the change from mesh to mesh"
