@@ -777,10 +777,16 @@ class Judged:
         return self.said <= self.target and self.confirmed
 
     def _not_confirmed(self) -> None:
-        """Where a search ends with changes that tell no rate and yet would fit: nothing is known."""
-        if self.weighted or self.confirmed or self.share is None or not self.said <= self.target:
+        """Where a search ends and would fit, with changes that tell no rate, or with a contact whose edge no
+        other mesh has confirmed: nothing is known."""
+        if self.confirmed or self.share is None or not self.said <= self.accuracy:
             return
-        how = "the change from mesh to mesh, of too few meshes, or of changes that do not fall"
+        if not self.weighted:
+            how = "the change from mesh to mesh, of too few meshes, or of changes that do not fall"
+        elif self.edges:
+            how = f"no other mesh confirms where {', '.join(map(repr, self.edges))} slips or opens"
+        else:
+            return
         self.share = replace(self.share, energy=np.nan, quantity=np.nan, how=how)
         self.steps[-1] = self.steps[-1]._replace(error=np.nan)
 

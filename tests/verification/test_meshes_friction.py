@@ -143,3 +143,12 @@ def test_a_support_that_a_coarse_mesh_has_lost_is_looked_for_on_finer_ones():
 def test_a_support_that_is_lost_on_all_meshes_is_an_error():
     with pytest.raises(SceneError, match="no equilibrium"):
         solve(upright(0.55), accuracy=0.2, quantity=JUMP, times=[1.0, 2.0], progress=False)
+
+
+def test_one_mesh_alone_tells_nothing_of_an_edge():
+    """A budget that leaves one mesh: its estimate would fit, and is half of the truth."""
+    budget = {"max_unknowns": 70, "progress": False}
+    result = solve(SLIDES_ON_FOUR.scene(), accuracy=0.04, quantity=FORCE, times=[1.0, 2.0], **budget)
+    made = result.errors()
+    assert len(made.steps) == 1 and not made.reached and np.isnan(made.in_all)
+    assert "no other mesh confirms where 'c' slips or opens" in str(made)
