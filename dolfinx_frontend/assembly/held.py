@@ -19,20 +19,24 @@ from dolfinx_frontend.scene.laws import Elimination, Rigid
 __all__ = ["axis_resistances", "held", "resistance_of"]
 
 
-def held(problem: Problem, interface: Interface, where: Flags | None = None) -> Resistance:
-    """Rigid motions that an interface with points on this rank resists, at the points `where` (m,) only, or
-    in the directions (m, r) of its :meth:`held_rows` only."""
+def held(problem: Problem, interface: Interface, where: Flags | Array | None = None) -> Resistance:
+    """Rigid motions that an interface with points on this rank resists, at the points `where` (m,) only, in
+    the directions (m, r) of its :meth:`held_rows` only, or in combinations (m, r, r) of these."""
     length = problem.parts[interface.sides[0].substructure].length
     return resistance_of(interface, length, where)
 
 
-def resistance_of(interface: Interface, length: float, where: Flags | None = None) -> Resistance:
+def resistance_of(
+    interface: Interface, length: float, where: Flags | Array | None = None
+) -> Resistance:
     if interface.law.elimination is Elimination.TIED:
         return _of_tie(interface, cast(Rigid, interface.law.nominal), length)
     if interface.wrench is not None:
         return _of_wrench(interface, length, where)
     rows = interface.law.nominal.held_rows(interface)
-    if where is not None:
+    if where is not None and where.ndim == 3:
+        rows = np.einsum("pij,pjd->pid", where, rows)
+    elif where is not None:
         rows = rows * where.reshape(len(rows), -1, 1)
     sides = tuple(side.substructure for side in interface.sides)
     return resistance(sides, interface.points, interface.weights, rows, length)
@@ -79,7 +83,7 @@ def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:
     return sides, given.T @ given, origin
 
 
-def _of_wrench(interface: Interface, length: float, where: Flags | None) -> Resistance:
+def _of_wrench(interface: Interface, length: float, where: Flags | Array | None) -> Resistance:
     """What an interface between mean motions of faces holds: one motion."""
     assert interface.wrench is not None
     d = interface.dim

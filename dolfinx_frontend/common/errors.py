@@ -18,6 +18,10 @@ class SceneError(ValueError):
     """A scene that cannot be modelled as it was described."""
 
 
+class BalanceError(SceneError):
+    """Loads that no forces of the interfaces balance, at the points that these have."""
+
+
 class SceneWarning(UserWarning):
     """A scene that can be modelled, but probably not in the way that was intended."""
 

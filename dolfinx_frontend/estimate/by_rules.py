@@ -11,6 +11,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.estimate.by_points import Keep, of_solved_again, so_far
+from dolfinx_frontend.estimate.kinks import all_states_of, error_by_kinks
 from dolfinx_frontend.estimate.errors import FINEST, complete, size_of, whole_of
 from dolfinx_frontend.estimate.points import (
     EXACT,
@@ -129,6 +130,9 @@ def by_rules(
             kinked = min(kinked, BEYOND * share_of(beyond.rest, spread) ** KINKED * spread)
             of_mean = max(of_mean, kinked, abs(beyond.moments.mean - value.mean))
             of_std = max(of_std, kinked, abs((beyond.moments.std or 0.0) - spread))
+        at_kinks = _at_kinks(samples, values, seen, value)
+        of_mean, of_std = max(of_mean, at_kinks.mean), max(of_std, at_kinks.std or 0.0)
+        kinked = max(kinked, at_kinks.std or 0.0)
         how = f"the next degree beside {points} points per germ, and {len(seen.points)} points outside"
         truncation = ErrorShare(np.nan, of_mean, of_std, how)
         keep(samples, so_far(samples, truncation, quantity, value, whole))
@@ -152,6 +156,20 @@ def by_rules(
         if kinked > 5.0 * target * whole and points >= enough:
             return None  # a kink: more points would not do
     return None
+
+
+def _at_kinks(samples: SampleResult, values: Array, seen: Witnesses, value: MeanStd) -> MeanStd:
+    """Errors of a rule of one germ by kinks, where contacts of solved points have other states."""
+    if samples.germs.shape[1] > 1 or not seen.states.shape[1] or not value.std:
+        return MeanStd(0.0, 0.0)
+    rule = samples.germs[:, 0]
+    order = np.argsort(rule)
+    at, every = np.concatenate([rule, seen.points[:, 0]]), np.concatenate([values, seen.values])
+    states = np.concatenate([all_states_of(samples), seen.states])
+    of_first, of_second = error_by_kinks(
+        rule[order], samples.probabilities[order], at, every, states, value.mean
+    )
+    return MeanStd(of_first, of_second / (2.0 * value.std))
 
 
 def by_long_rules(

@@ -17,7 +17,6 @@ a difference (control variates with cross-fitting).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from math import comb
 from typing import NamedTuple
 
@@ -26,7 +25,7 @@ from scipy import linalg
 
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.interrupts import stop_if_pressed
-from dolfinx_frontend.results.contact import contact_states
+from dolfinx_frontend.estimate.kinks import states_of
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -199,13 +198,9 @@ def sides_of(samples: SampleResult) -> list[Flags]:
 
     Collective.
     """
-    problem, found = samples.problem, []
-    for name, interface in problem.interfaces.items():
-        if not interface.law.unilateral or name not in samples.plan.active:
-            continue
-        force = samples.everywhere(name, partial(samples.force, name))
-        normal = force[..., 0] if samples.times is None else force[:, -1, :, 0]
-        share = contact_states(normal, np.zeros_like(normal), None)[0].mean(axis=-1)
+    found = []
+    for name, counts in states_of(samples).items():
+        share = counts[:, 0] / samples.problem.interfaces[name].num_points
         found += [share > 0.0, share > 0.5, share >= 1.0]
     return found
 

@@ -52,7 +52,7 @@ from dolfinx_frontend.estimate.zones import (
     SEEN,
     acted,
     all_values_of,
-    contact_edges,
+    contact_zones,
     loading,
     parts_read,
     places_of,
@@ -85,6 +85,12 @@ AT_DEGREE, MOST_RAISED = 0.32, 0.8
 """This factor where degree 2 became 3 in parts with most of the error, this share at least: a free corner of
 270 degrees keeps (2 / 3)^(4 0.54) = 0.42 of its error then, 0.71 of the change, which is `MARGIN` times what
 this factor says; clamped corners keep 0.3, smooth answers less. With less of it in them it is the least."""
+
+MOST_BESIDE = 2.0
+"""What a change is beside what estimates foretell, relative to itself: at most."""
+
+BLIND = 3.0
+"""Times the estimate before that a change is if estimates do not see what changes."""
 
 LEAST_AT_EDGES = 0.25
 """Share of a change that edges of contact zones are taken for at least."""
@@ -194,6 +200,9 @@ class Judged:
         self.by_part: list[dict[str, float]] = []
         self.raised: dict[int, float] = {}
         self.edges: dict[str, Array] = {}
+        self.alike: dict[str, list[tuple[int, bytes]]] = {}
+        self.points: list[dict[str, int]] = []
+        self.corrections: list[float | None] = []
         self.meshes: dict[str, Cells] = {}
         self.cells: dict[str, Array] = {}
         self.unseen: dict[str, float] = {}
@@ -238,7 +247,7 @@ class Judged:
         if of_quantity:
             size = self._size(value)
             estimate, least = (share_of(each or 0.0, size) for each in (found.seen, found.quantity))
-            sure = share_of(found.bound or 0.0, size)
+            sure = share_of(found.uncancelled, size)
         else:
             estimate = sure = found.energy if self.quantity is None else np.nan
             least = 0.0
@@ -266,8 +275,11 @@ class Judged:
             share = sum(old[name] for name in higher) / max(sum(old.values()), 1e-300)
             self.raised[len(self.steps)] = share
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
-        self.edges, across = contact_edges(result)
+        across = self._look_at_contacts(result)
+        self.corrections.append(found.correction)
         seen = self._change(value) if self.weighted else self._change_alone(value)
+        if self.weighted and self._beside_curved():
+            seen = float(np.fmax(seen, estimate + self._unexplained(value)))
         said, how = estimate, "recovered stresses"
         if not self.weighted:
             said, how = seen, "the change from mesh to mesh"
@@ -304,12 +316,49 @@ class Judged:
         second = len(self.steps) > 1
         seen_well = across >= RESOLVED or (second and across >= SEEN and 2.0 * said <= self.target)
         self.confirmed = (self._followed() if self.read else second or alone) and seen_well
+        self.confirmed = self.confirmed and self._contacts_followed(value)
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
         if problem.rank == 0:
             _log.info("%s", line)
         if problem.rank == 0 and self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
+
+    def _look_at_contacts(self, result: Result) -> float:
+        """Find the edges of contact zones, and how many points the one with the fewest has in each direction.
+
+        Where all points do the same with friction that is nearly used up, there may be an edge between them:
+        two meshes with different points must agree that there is none.
+        """
+        zones = contact_zones(result)
+        self.points.append({n: i.num_points for n, i in result.problem.interfaces.items()})
+        self.edges = dict(zones.edges)
+        for name, (closed, does) in zones.alike.items():
+            known = self.alike.setdefault(name, [])
+            count = self.points[-1][name]
+            if not any(does == before and count > fewer for fewer, before in known):
+                self.edges[name] = closed
+            known.append((count, does))
+        return zones.across
+
+    def _contacts_followed(self, value: float | None) -> bool:
+        """Whether some step has given all contacts with an edge more points: a higher degree leaves them as
+        they are, and with them what these do not see. And whether two changes fall, where they are much more
+        than the estimates say."""
+        if not (self.weighted and self._beside_curved()):
+            return True
+        if not all(self.points[-1][name] > self.points[0][name] for name in self.edges):
+            return False
+        changes = self._changes(value)
+        blind = len(changes) > 0 and changes[-1] > max(BLIND * self.estimates[-2], TINY * self.target)
+        return not blind or self._changes_fall(changes)
+
+    def _changes_fall(self, changes: Array) -> bool:
+        """Whether the last two of the changes fall as where it converges, or do not count."""
+        if len(changes) < 2:
+            return False
+        before, last = changes[-2:]
+        return bool(last <= RATE * before or max(before, last) <= TINY * self.target)
 
     def _answers(self, result: Result, share: ErrorShare) -> None:
         """What Ctrl-C returns from now on, until there is something better."""
@@ -578,8 +627,7 @@ class Judged:
             return False
         if self.weighted:
             return True
-        before, last = self._changes(self.steps[-1].value)[-2:]
-        return bool(last <= RATE * before or max(before, last) <= TINY * self.target)
+        return self._changes_fall(self._changes(self.steps[-1].value))
 
     def _measured(self, result: Result) -> DiscretisationError:
         if self.quantity is not None and with_dual(result.problem, self.quantity) is not None:
@@ -626,6 +674,27 @@ class Judged:
             since *= fall if since == 1.0 else fall * FORGOTTEN
             of_one = since / np.sqrt(1.0 - fall**2) if value is None else since / (1.0 - fall)
             left = max(left, float(change * of_one))
+        return left
+
+    def _unexplained(self, value: float | None) -> float:
+        """What is left of the part of the changes from mesh to mesh that the estimates do not foretell, with
+        their signs: where a contact slips or opens on one mesh and not on another, slopes at the answer know
+        nothing of it. NaN: there is one mesh only, or no estimate with a sign.
+
+        It falls as at the edge of a contact zone, in steps that give the contact more points.
+        """
+        if not self.steps or value is None or any(each is None for each in self.corrections):
+            return np.nan
+        changes = np.diff(np.array([step.value for step in self.steps] + [value], dtype=np.float64))
+        foretold = -np.diff(np.array(self.corrections, dtype=np.float64))
+        # a change that is less than foretold, in the same direction, is in the estimate
+        sizes = np.abs(changes)
+        beside = np.clip(sizes - foretold * np.sign(changes), 0.0, MOST_BESIDE * sizes)
+        left, since = 0.0, AT_EDGES
+        for k in range(len(beside) - 1, -1, -1):
+            left = max(left, share_of(float(beside[k]), self._size(value)) * since / (1.0 - AT_EDGES))
+            if any(self.points[k + 1][name] > self.points[k][name] for name in self.points[k]):
+                since *= AT_EDGES * FORGOTTEN
         return left
 
     def _changes(self, value: float | None) -> Array:
@@ -708,10 +777,16 @@ class Judged:
         return self.said <= self.target and self.confirmed
 
     def _not_confirmed(self) -> None:
-        """Where a search ends with changes that tell no rate and yet would fit: nothing is known."""
-        if self.weighted or self.confirmed or self.share is None or not self.said <= self.target:
+        """Where a search ends and would fit, with changes that tell no rate, or with a contact whose edge no
+        other mesh has confirmed: nothing is known."""
+        if self.confirmed or self.share is None or not self.said <= self.accuracy:
             return
-        how = "the change from mesh to mesh, of too few meshes, or of changes that do not fall"
+        if not self.weighted:
+            how = "the change from mesh to mesh, of too few meshes, or of changes that do not fall"
+        elif self.edges:
+            how = f"no other mesh confirms where {', '.join(map(repr, self.edges))} slips or opens"
+        else:
+            return
         self.share = replace(self.share, energy=np.nan, quantity=np.nan, how=how)
         self.steps[-1] = self.steps[-1]._replace(error=np.nan)
 

@@ -38,6 +38,7 @@ from dolfinx_frontend.estimate.pieces import pieces_of
 from dolfinx_frontend.estimate.recovery import ASTRAY, Doubts, recovery
 from dolfinx_frontend.estimate.transposed import Transposed
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
+from dolfinx_frontend.estimate.zones import contact_zones
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.fitting import fitted
 from dolfinx_frontend.kernel.solver import Solver
@@ -88,7 +89,8 @@ class DiscretisationError:
         The same error with its sign: value + correction is the better value.
     bound
         sqrt(a(e_u) a(e_z)), which no error exceeds: what is left of it is cancellation, on which to count is
-        a risk where stresses are singular.
+        a risk where stresses are singular. None: not known, as where a contact slips or opens in part: z has
+        its slopes at the answer, and the edge of its zone may be elsewhere on another mesh.
     shares
         Substructure -> its contribution to `correction`.
     seconds
@@ -105,6 +107,8 @@ class DiscretisationError:
         Interface -> error of the quantity by springs on means over vertices or facets, likewise.
     seen
         As `quantity`, without what is added for singular stresses.
+    uncancelled
+        sqrt(a(e_u) a(e_z)), also where it is no bound.
     """
 
     energy: float
@@ -120,6 +124,7 @@ class DiscretisationError:
     round: dict[str, float] = field(default_factory=dict, compare=False)
     means: dict[str, float] = field(default_factory=dict, compare=False)
     seen: float = field(default=0.0, repr=False, compare=False)
+    uncancelled: float = field(default=0.0, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -267,6 +272,9 @@ def discretisation_error(
         return DiscretisationError(
             energy, parts, seconds=seconds, cells=cells, norm=whole, round=shapes, means=means
         )
+    zones = contact_zones(result, step)
+    moves = bool(zones.edges or zones.alike)
+    uncancelled = float(np.sqrt(total.error * total.of_dual)) + local
     seen = max(abs(total.product), float(np.sqrt(total.squares))) + local
     size = max(abs(total.more), total.least, (1.0 - ASTRAY) * abs(total.product) + total.astray) + local
     return DiscretisationError(
@@ -275,7 +283,7 @@ def discretisation_error(
         max(seen, size),
         value,
         total.product,
-        float(np.sqrt(total.error * total.of_dual)) + local,
+        None if moves else uncancelled,
         {name: each.product for name, each in found.items()},
         seconds,
         cells,
@@ -283,6 +291,7 @@ def discretisation_error(
         shapes,
         means,
         seen,
+        uncancelled,
     )
 
 

@@ -26,7 +26,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, check_alike, exchanged, own_communicator
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
 from dolfinx_frontend.common.describe import short
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import BalanceError, SceneError
 from dolfinx_frontend.common.interrupts import Interrupted
 from dolfinx_frontend.estimate.adaptive import (
     as_solved,
@@ -76,6 +76,10 @@ MATTERS = 0.2
 
 WORTH_IT = 1.2
 """Unknowns of the next meshes over those before, below which a budget ends the search."""
+
+MOST_TRIES, HALF = 3, 0.5
+"""Finer meshes that are tried at most where nothing balances the loads on the first ones, and their cells
+beside contacts, relative to those before."""
 
 STEPS = 12
 
@@ -276,8 +280,16 @@ class _Meshes(Judged):
         options = settings.pop("options") or (Options.plain() if method == "latin" else Options())
         options = options.with_(rtol=max(OF_ITERATION * self.accuracy, FINEST))
         changed: dict[str, str] = {}
+        tries = 0
         while True:
-            self._solve(problem, changed, method, options=options, **settings)
+            try:
+                self._solve(problem, changed, method, options=options, **settings)
+            except BalanceError:
+                tries += 1
+                if self.steps or tries > MOST_TRIES or problem.comm is not None:
+                    raise
+                problem = self._wider_support(problem)
+                continue
             if self._fits() and (
                 not self.random or self.given_up or self._deviation_fits(method, options, settings)
             ):
@@ -291,6 +303,17 @@ class _Meshes(Judged):
             if together is None:
                 return options
             self.before, (self.scene, problem) = problem, together
+
+    def _wider_support(self, problem: Problem) -> Problem:
+        """The first meshes with smaller cells beside contacts, whose points reach closer to the rims of their
+        faces then: a part that is about to tip has lost its support on coarse ones."""
+        contacts = {n: i.points for n, i in problem.interfaces.items() if i.law.unilateral}
+        nothing = {name: np.zeros(len(each.sizes)) for name, each in self.meshes.items()}
+        found = finer(self.scene, problem, self.meshes, nothing, HALF, contacts, most=self.max_unknowns)
+        self.scene = copy(self.scene)
+        self.scene.substructures.update(found.specs)
+        self.first = assembled_again(self.scene, problem, comm=self.comm)
+        return self.first
 
     def _make_parts(self) -> None:
         """Make the parts of this rank, which keeps them."""

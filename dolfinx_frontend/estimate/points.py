@@ -25,6 +25,7 @@ from scipy.special import ndtr, ndtri
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
+from dolfinx_frontend.estimate.kinks import all_states_of
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import MeanStd
@@ -360,6 +361,7 @@ class Witnesses(NamedTuple):
     weights: Array  # (n,), of sum 1; 0 in the tails
     tails: Array  # (n,) probability of the piece of a tail that a point stands for, 0 elsewhere
     values: Array  # (n,) of the quantity
+    states: Array = np.zeros((0, 0))  # (n, k) of contacts, see `all_states_of`; empty: no kink is looked for
 
 
 class Lost(NamedTuple):
@@ -421,7 +423,7 @@ def _seen(
     weights = np.concatenate([weights / weights.sum(), np.zeros(int(good.sum()))])
     samples = solve(result, points, np.ones(len(points)), rtol, quantity)
     complete(samples)
-    return Witnesses(points, weights, tails, quantity.at_end(samples, samples))
+    return Witnesses(points, weights, tails, quantity.at_end(samples, samples), all_states_of(samples))
 
 
 def far_out(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
@@ -18,7 +19,7 @@ from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.contact import CLOSED as STICKS
-from dolfinx_frontend.results.contact import OPEN, SLIPS, contact_states
+from dolfinx_frontend.results.contact import OPEN, SLIPS, ContactValues, contact_states, slip_use
 from dolfinx_frontend.results.errors import Place
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.readings import column_of
@@ -33,9 +34,10 @@ from dolfinx_frontend.uncertainty.fields import DiscretisedField
 __all__ = [
     "RESOLVED",
     "SEEN",
+    "Zones",
     "acted",
     "all_values_of",
-    "contact_edges",
+    "contact_zones",
     "loading",
     "parts_read",
     "places_of",
@@ -49,6 +51,9 @@ COARSER = 1.5
 RESOLVED, SEEN = 6.0, 3.0
 """Closed points of a contact zone with an edge, in each direction, at least: to be believed as any other,
 and if what is said of its mesh fits twice; and without an edge, that one would be seen."""
+
+NEARLY_USED = 0.7
+"""Share of the friction limit above which points that stick on one mesh may slip on another."""
 
 COVERED = 0.99
 """Share of a face from which on all of it counts as covered."""
@@ -83,26 +88,48 @@ def soft_springs(scene: Scene, problem: Problem, meshes: Mapping[str, Cells]) ->
     return found
 
 
-def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
-    """Active interface that may open -> its points (k, d) around which some are open, stick or slip and some
-    do not; and how many closed points the zone with the fewest has in each direction, infinite where none has
-    an edge and all have enough.
+class Zones(NamedTuple):
+    """Contact zones at an answer.
 
-    Collective.
+    Attributes
+    ----------
+    edges
+        Active interface that may open -> its points (k, d) around which some are open, stick or slip and some
+        do not, at a time that the end remembers.
+    across
+        Closed points of the zone with the fewest in each direction, infinite where none has an edge and all
+        have enough.
+    alike
+        Interface all of whose points do the same although friction is used (nearly) up -> its closed points
+        (k, d), and what they do at every such time: a finer mesh may show an edge.
     """
-    out, across, problem = {}, np.inf, result.problem
+
+    edges: dict[str, Array]
+    across: float
+    alike: dict[str, tuple[Array, bytes]]
+
+
+def contact_zones(result: Result, step: int = -1) -> Zones:
+    """What the contacts of an answer do at a step of a load history; collective."""
+    out, across, alike, problem = {}, np.inf, {}, result.problem
     unilateral = [name for name in result.plan.active if problem.interfaces[name].law.unilateral]
     with agreement(problem.comm):
         forces = {name: np.asarray(result.force(name)) for name in unilateral if problem.speaks_for(name)}
     for name, force in problem.gather(forces).items():
         interface = problem.interfaces[name]
-        state = _states(result, name, force.reshape(-1, *force.shape[-2:])[-1])
-        closed = state != OPEN
+        contact = law_contact(result.problem, result.plan, name)
+        force = force.reshape(-1, *force.shape[-2:])
+        state, used = _states(interface, contact, force[: step % len(force) + 1])
+        closed = state[-1] != OPEN
         if not closed.any():
             continue
         own = float(np.count_nonzero(closed) ** (1.0 / (interface.dim - 1)))
-        uniform = interface.covered > COVERED and bool(np.all(state == state[0]))
-        if uniform and own >= SEEN - 1e-9:
+        uniform = interface.covered > COVERED and bool(np.all(state == state[:, :1]))
+        if uniform and contact is not None and np.any(np.ptp(contact.clearance, axis=-1) > 0.0):
+            out[name] = interface.points[closed]  # between the points nothing has its gap
+        elif uniform and own >= SEEN - 1e-9:
+            if used > NEARLY_USED:
+                alike[name] = interface.points[closed], state[:, 0].tobytes()
             continue
         across = min(across, own)
         if uniform or own < RESOLVED - 1e-9:
@@ -110,22 +137,30 @@ def contact_edges(result: Result) -> tuple[dict[str, Array], float]:
             continue
         count = min(interface.num_points, 3 if interface.dim == 2 else 7)
         _, around = cKDTree(interface.points).query(interface.points, k=count)
-        mixed = state[around].min(axis=1) != state[around].max(axis=1)
+        mixed = np.any(state[:, around].min(axis=2) != state[:, around].max(axis=2), axis=0)
         if mixed.any():
             out[name] = interface.points[mixed]
-    return out, across
+    return Zones(out, across, alike)
 
 
-def _states(result: Result, name: str, force: Array) -> Array:
-    """Where a contact is open, sticks or slips at its end (m,), by its force (m, components)."""
-    normal, shear = force[:, 0], np.linalg.norm(force[:, 1:], axis=1)
-    closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
-    contact = law_contact(result.problem, result.plan, name)
+def _states(
+    interface: Interface, contact: ContactValues | None, force: Array
+) -> tuple[Array, float]:
+    """Where a contact is open, sticks or slips (times, m) by its force (times, m, components), at its end or,
+    where that remembers them, at all times; and the largest share of the friction limit that is used."""
+    last = len(force)
+    first = 0 if interface.law.history else last - 1
+    force = force[first:]
+    normal, shear = force[..., 0], np.linalg.norm(force[..., 1:], axis=-1)
+    closed = normal < -CLOSED * np.abs(normal).max(axis=-1, keepdims=True, initial=0.0)
     limits = None if contact is None else contact.limits
-    if limits is not None:
-        limits = limits[0][0, -1], limits[1][0, -1]
-    slips = contact_states(normal, shear, limits)[1]
-    return np.where(closed, np.where(slips, SLIPS, STICKS), OPEN)
+    if limits is None:
+        return np.where(closed, STICKS, OPEN), 0.0
+    # of a law that does not change in time there is one
+    friction, threshold = (each[0] if each.shape[1] == 1 else each[0, first:last] for each in limits)
+    slips = contact_states(normal, shear, (friction, threshold))[1]
+    used = float(slip_use(normal, shear, (friction, threshold)).max(initial=0.0))
+    return np.where(closed, np.where(slips, SLIPS, STICKS), OPEN), used
 
 
 def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]:

@@ -42,8 +42,10 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
-from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.errors import BalanceError, SceneWarning, warn
+from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.scene.laws.contact import CURVED
 
 __all__ = ["check_balance", "check_support"]
@@ -136,12 +138,15 @@ class _Reached:
         (m, components), force per area.
     holds
         What it resists where it presses (of a history: where it touches).
+    sticks
+        The same without friction along the slip of points where it is used up.
     closed
-        Whether that is the case anywhere.
+        Whether it presses (touches) anywhere.
     """
 
     force: Array
     holds: Resistance
+    sticks: Resistance
     closed: bool
 
 
@@ -383,8 +388,8 @@ def _without_climb(grips: Mapping[str, _Grip], motion: Array) -> Array:
 
 
 def _names(motions: FreeMotions, motion: Array) -> tuple[str, str]:
-    """Who moves, and how."""
-    moving = motions.describe(_rounded(motion, motions)[:, None])
+    """Who moves in a motion (q,) or several (q, k), and how."""
+    moving = motions.describe(_rounded(motion, motions)[:, None] if motion.ndim == 1 else motion)
     who = "; ".join(quoted(names) for names, _ in moving[:4])
     how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
     return who, how
@@ -411,7 +416,7 @@ def _check_loads(
     shown = _without_climb(grips, motion)
     who, how = _names(motions, shown)
     events = "; ".join(_events(grips, shown)) or "no interface holds it"
-    raise SceneError(
+    raise BalanceError(
         f"no equilibrium{when}: {who} has lost its support: the loads move it by {how}, and no forces of "
         f"its interfaces balance them: {events}; {_MEND}"
     )
@@ -454,14 +459,27 @@ def _touching(interface: Interface, jump: Array) -> Flags:
 def _check_undetermined(
     problem: Problem, always: Mapping[str, Resistance], reached: Mapping[str, _Reached], when: str
 ) -> bool:
-    """Warn of parts that nothing holds in the answer."""
-    resistances = {**always, **{name: each.holds for name, each in reached.items()}}
-    motions = _free(problem, {name: resistances[name] for name in problem.interfaces})
-    if not len(motions):
-        return False
-    moving = motions.describe(np.eye(len(motions)))
-    who = "; ".join(quoted(names) for names, _ in moving[:4])
-    how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
+    """Warn of parts that nothing holds in the answer, or only friction that cannot take more."""
+
+    def left_free(by_contacts: Mapping[str, Resistance]) -> tuple[str, str] | None:
+        """Who moves, and how."""
+        resistances = {**always, **by_contacts}
+        motions = _free(problem, {name: resistances[name] for name in problem.interfaces})
+        return _names(motions, np.eye(len(motions))) if len(motions) else None
+
+    found = left_free({name: each.holds for name, each in reached.items()})
+    if found is None:
+        found = left_free({name: each.sticks for name, each in reached.items()})
+        if found is None:
+            return False
+        who, how = found
+        warn(
+            f"{who} slips{when} wherever only friction holds it, and friction is used up there: its place in "
+            f"the answer is one of many ({how}); hold it, or let some of it stick",
+            SceneWarning,
+        )
+        return True
+    who, how = found
     open_ones = [name for name, each in reached.items() if not each.closed]
     where = f": {quoted(open_ones)} is open everywhere" if open_ones else ""
     warn(
@@ -482,7 +500,7 @@ def check_support(result: Result) -> None:
 
     Raises
     ------
-    SceneError
+    BalanceError
         No admissible forces of the interfaces balance the loads: there is no equilibrium.
 
     Warns
@@ -574,7 +592,7 @@ def check_balance(result: Result) -> None:
 
     Raises
     ------
-    SceneError
+    BalanceError
         No admissible forces of the interfaces balance the loads: there is no equilibrium.
     """
     problem = result.problem
@@ -673,11 +691,22 @@ def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list
         for each in (result.force(interface.name), result.jump(interface.name))
     )
     found = []
+    contact = law_contact(result.problem, result.plan, interface.name)
+    limits = None if contact is None else contact.limits
+    rows = interface.law.nominal.held_rows(interface).shape[1]
     for k, now in enumerate(steps):
         closed = force[k, :, 0] < 0.0
         if result.plan.times is not None:  # a part that is loaded later may lie there unloaded at first
             closed |= _touching(now.interfaces[interface.name], jump[k])
-        found.append(
-            _Reached(force[k], held(result.problem, interface, closed), bool(closed.any()))
-        )
+        holds = sticks = held(result.problem, interface, closed)
+        if limits is not None:
+            at = tuple(each[0, min(k, each.shape[1] - 1)] for each in limits)
+            shear = np.linalg.norm(force[k, :, 1:], axis=1)
+            slips = contact_states(force[k, :, 0], shear, (at[0], at[1]))[1]
+            # a point that slips resists what would turn its slip
+            along = force[k, :, 1:] / np.maximum(shear, np.finfo(float).tiny)[:, None]
+            holding = np.tile(np.eye(rows), (len(closed), 1, 1)) * closed[:, None, None]
+            holding[slips, 1:, 1:] -= np.einsum("pi,pj->pij", along[slips], along[slips])
+            sticks = held(result.problem, interface, holding)
+        found.append(_Reached(force[k], holds, sticks, bool(closed.any())))
     return found

@@ -12,6 +12,7 @@ from scipy.optimize import linprog
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.amplitudes import Amplitude
@@ -230,3 +231,27 @@ def test_the_search_agrees_with_linear_programming(dim: int, case: str) -> None:
             assert np.all(jump[:, 0] @ mine - mu * speed > -1e-5)
             assert work @ mine > tau @ speed
     assert len(verdicts) > 50 and 5 < sum(verdicts) < len(verdicts) - 5
+
+
+def between_plates(friction: float, shear: float) -> Problem:
+    """A block between two that press it and move apart sideways by 2 `shear`."""
+    scene = Scene()
+    for name, y in (("low", 0.0), ("mid", 4.0), ("top", 8.0)):
+        part = geometry.box((20.0, 4.0), (8, 2), (0.0, y))
+        scene.substructure(name, part, LinearElastic(E=1e3, nu=0.2), degree=1)
+    scene.interface("under", "low:y1", "mid:y0", Contact(friction=0.3))
+    scene.interface("over", "mid:y1", "top:y0", Contact(friction=friction))
+    press, aside = Amplitude([0.0, 1.0], [0.0, 1.0]), Amplitude([1.0, 2.0], [0.0, 1.0])
+    scene.fix("low:y0", aside * (-shear, 0.0))
+    scene.fix("top:y1", press * (0.0, -0.01) + aside * (shear, 0.0), name="grip")
+    return assemble(scene)
+
+
+def test_a_place_that_only_friction_that_is_used_up_holds_is_one_of_many():
+    """Both faces slide: friction stays as it is when the block moves. With more above it follows."""
+    with pytest.warns(SceneWarning, match="'mid' slips at step 1, t = 2 .*translation along x"):
+        assert solve(between_plates(0.3, 0.015), times=[1.0, 2.0]).converged
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solve(between_plates(0.5, 0.02), times=[1.0, 2.0])
+        solve(between_plates(0.3, 0.004), times=[1.0, 2.0])

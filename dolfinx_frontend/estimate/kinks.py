@@ -1,0 +1,85 @@
+"""Kinks of a quantity along one germ: between solved points whose contacts are in another state.
+
+A Gauss rule integrates max(x - c, 0) wrongly by a kernel of c, which between two of its points a distance d
+apart, where the density is p, is p d^2 / 8 at most (that of the midpoint rule, with c at a midpoint; of the
+mean over c nothing is left: Brass and Petras, Quadrature Theory, 2011). A point w of the rule stands for p d.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.results.contact import contact_states
+from dolfinx_frontend.results.samples import SampleResult
+
+__all__ = ["all_states_of", "error_by_kinks", "states_of"]
+
+ONE_POINT = 1e-3
+"""Distance of two solved points, relative to the points of the rule, below which they are one."""
+
+
+def states_of(samples: SampleResult) -> dict[str, Array]:
+    """Contact -> how many of its points are open, and how many slip, at the end of every sample, (n, 2).
+    Collective."""
+    problem, active = samples.problem, samples.plan.active
+    contacts = [n for n, each in problem.interfaces.items() if each.law.unilateral and n in active]
+    return {name: samples.everywhere(name, partial(_counts, samples, name)) for name in contacts}
+
+
+def all_states_of(samples: SampleResult) -> Array:
+    """The same of all contacts side by side, (n, 2 contacts)."""
+    return np.concatenate([np.zeros((len(samples.germs), 0)), *states_of(samples).values()], axis=1)
+
+
+def _counts(samples: SampleResult, name: str) -> Array:
+    """Open and slipping points of a contact, (n, 2)."""
+    force, contact = np.asarray(samples.force(name)), samples.shown().contact(name)
+    if samples.times is not None:
+        force = force[:, -1]
+    limits = None if contact is None else contact.limits
+    if limits is not None:
+        limits = limits[0][:, -1], limits[1][:, -1]
+    states = contact_states(force[..., 0], np.linalg.norm(force[..., 1:], axis=-1), limits)
+    return np.stack([np.count_nonzero(each, axis=-1) for each in states], axis=-1).astype(np.float64)
+
+
+def error_by_kinks(
+    rule: Array, weights: Array, at: Array, values: Array, states: Array, mean: float
+) -> tuple[float, float]:
+    """What kinks may do to the first and to the second central moment by a rule of one germ.
+
+    Many points of a contact that change their state one after the other are as many small kinks, whose errors
+    have signs of chance; all at once they are one.
+
+    Parameters
+    ----------
+    rule, weights
+        Points (k,) of the rule in rising order and their weights, of sum 1.
+    at, values, states
+        Solved points (n,), those of the rule among them, the quantity there, and what tells the states of
+        contacts apart, (n, k).
+    """
+    order = np.argsort(at)
+    apart = ONE_POINT * float(np.diff(rule).min(initial=np.inf))
+    kept = [order[0]]
+    kept += [k for before, k in zip(order[:-1], order[1:], strict=True) if at[k] - at[before] > apart]
+    x, v, s = at[kept], values[kept], states[kept]
+    if len(x) < 3:
+        return 0.0, 0.0
+    slopes = np.diff(v) / np.diff(x)
+    changed = np.abs(np.diff(s, axis=0)).sum(axis=1)
+    squares = np.zeros(2)
+    for k in np.flatnonzero(changed):
+        bend = abs(slopes[min(k + 1, len(slopes) - 1)] - slopes[max(k - 1, 0)])
+        i = int(np.searchsorted(rule, 0.5 * (x[k] + x[k + 1])))
+        ends = rule[max(i - 1, 0)], rule[min(i, len(rule) - 1)]
+        reach = max(ends[1], x[k + 1]) - min(ends[0], x[k]) if ends[0] == ends[1] else ends[1] - ends[0]
+        weight = float(weights[[max(i - 1, 0), min(i, len(rule) - 1)]].max())
+        alone = max(changed[k] / changed.sum(), changed[k] ** -0.5)
+        error = alone * bend * reach * weight / 8.0
+        squares += np.square([error, 2.0 * error * max(abs(v[k] - mean), abs(v[k + 1] - mean))])
+    of_first, of_second = np.sqrt(squares)
+    return float(of_first), float(of_second)
