@@ -124,7 +124,7 @@ UNEVEN = 1.2
 def _shares(costs: Array, ranks: int) -> Ints:
     """Rank of each of some things in a row: contiguous shares of equal cost."""
     middle = (np.cumsum(costs) - 0.5 * costs) / costs.sum()
-    return np.minimum((middle * ranks).astype(np.int64), ranks - 1)
+    return np.asarray(np.minimum(middle * ranks, ranks - 1.0), dtype=np.int64)
 
 
 def _largest(costs: Array, shares: Ints) -> float:
@@ -163,7 +163,7 @@ def place(
         for group in glued:
             label[[at[name] for name in group]] = at[group[0]]
         _, label = np.unique(label, return_inverse=True)
-        whole = _shares(np.bincount(label, costs), ranks)[label]
+        whole = _shares(np.bincount(label, costs).astype(np.float64), ranks)[label]
         if _largest(costs, whole) <= UNEVEN * _largest(costs, shares):
             shares = whole
     owner = {
