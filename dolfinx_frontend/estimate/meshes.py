@@ -77,9 +77,9 @@ MATTERS = 0.2
 WORTH_IT = 1.2
 """Unknowns of the next meshes over those before, below which a budget ends the search."""
 
-MOST_TRIES, HALF = 3, 0.5
-"""Finer meshes that are tried at most where nothing balances the loads on the first ones, and their cells
-beside contacts, relative to those before."""
+MOST_TRIES, HALF = 4, 0.5
+"""Finer meshes that are tried at most where nothing balances the loads, and their cells beside contacts,
+relative to those before."""
 
 STEPS = 12
 
@@ -286,7 +286,7 @@ class _Meshes(Judged):
                 self._solve(problem, changed, method, options=options, **settings)
             except BalanceError:
                 tries += 1
-                if self.steps or tries > MOST_TRIES or problem.comm is not None:
+                if tries > MOST_TRIES or problem.comm is not None:
                     raise
                 problem = self._wider_support(problem)
                 continue
@@ -305,15 +305,18 @@ class _Meshes(Judged):
             self.before, (self.scene, problem) = problem, together
 
     def _wider_support(self, problem: Problem) -> Problem:
-        """The first meshes with smaller cells beside contacts, whose points reach closer to the rims of their
-        faces then: a part that is about to tip has lost its support on coarse ones."""
+        """The same meshes with smaller cells beside contacts, whose points reach closer to the rims of their
+        faces then: a part that is about to tip has lost its support on coarse ones, and with a higher degree
+        on the same cells."""
         contacts = {n: i.points for n, i in problem.interfaces.items() if i.law.unilateral}
         nothing = {name: np.zeros(len(each.sizes)) for name, each in self.meshes.items()}
         found = finer(self.scene, problem, self.meshes, nothing, HALF, contacts, most=self.max_unknowns)
         self.scene = copy(self.scene)
         self.scene.substructures.update(found.specs)
-        self.first = assembled_again(self.scene, problem, comm=self.comm)
-        return self.first
+        wider = assembled_again(self.scene, problem, comm=self.comm)
+        if not self.steps:
+            self.first = wider
+        return wider
 
     def _make_parts(self) -> None:
         """Make the parts of this rank, which keeps them."""

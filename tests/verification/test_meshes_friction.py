@@ -140,6 +140,28 @@ def test_a_support_that_a_coarse_mesh_has_lost_is_looked_for_on_finer_ones():
     assert result.converged and len(result.problem.interfaces["c"].points) > 5
 
 
+def tall_block(side: float) -> Scene:
+    """1 m x 3 m on a base, pushed with a part of what tips it."""
+    scene, young, weight = Scene(), 3e10, 1e5
+    concrete = LinearElastic(E=young, nu=0.2)
+    base = geometry.box((3.0, 1.0), (7, 2), (-1.0, -1.0), cell="triangle")
+    scene.substructure("base", base, concrete, degree=1)
+    scene.substructure("tall", geometry.box((1.0, 3.0), (2, 4), cell="triangle"), concrete, degree=1)
+    scene.interface("joint", "tall:y0", "base:y1", Contact(friction=0.9), overlap="partial")
+    scene.fix("base:y0")
+    scene.force("tall:y1", (0.0, -weight))
+    scene.force("tall:y1", (side * weight / 6.0, 0.0), name="side")
+    return scene
+
+
+def test_a_higher_degree_may_lose_a_support_that_the_same_cells_have():
+    """It has no equilibrium on the cells of the first mesh; reference: 16 and 32 times as many, degree 2."""
+    opening, exact, doubt = Resultant("joint", "jump"), 5.31e-8, 0.08e-8
+    result = solve(tall_block(0.5), accuracy=0.05, quantity=opening, times=[1.0], progress=False)
+    assert result.errors().reached
+    assert abs(result.mean_std(opening).mean - exact) < 0.05 * exact + doubt
+
+
 def test_a_support_that_is_lost_on_all_meshes_is_an_error():
     with pytest.raises(SceneError, match="no equilibrium"):
         solve(upright(0.55), accuracy=0.2, quantity=JUMP, times=[1.0, 2.0], progress=False)
