@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from types import FrameType
 from typing import Any
 
-__all__ = ["SceneError", "SceneWarning", "unknown_name", "warn"]
+__all__ = ["BalanceError", "SceneError", "SceneWarning", "unknown_name", "warn"]
 
 _NOT_THE_USER = ("dolfinx_frontend", "latin_core", "contextlib", "functools")
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.estimate.by_points import Keep, of_solved_again, so_far
-from dolfinx_frontend.estimate.kinks import all_states_of, error_by_kinks
 from dolfinx_frontend.estimate.errors import FINEST, complete, size_of, whole_of
+from dolfinx_frontend.estimate.kinks import all_states_of, error_by_kinks
 from dolfinx_frontend.estimate.points import (
     EXACT,
     FARTHEST,
@@ -160,7 +160,7 @@ def by_rules(
 
 def _at_kinks(samples: SampleResult, values: Array, seen: Witnesses, value: MeanStd) -> MeanStd:
     """Errors of a rule of one germ by kinks, where contacts of solved points have other states."""
-    if samples.germs.shape[1] > 1 or not seen.states.shape[1] or not value.std:
+    if not seen.states.shape[1] or not value.std:
         return MeanStd(0.0, 0.0)
     rule = samples.germs[:, 0]
     order = np.argsort(rule)

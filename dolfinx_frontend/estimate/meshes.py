@@ -286,10 +286,13 @@ class _Meshes(Judged):
                 self._solve(problem, changed, method, options=options, **settings)
             except BalanceError:
                 tries += 1
-                if tries > MOST_TRIES or problem.comm is not None:
+                if tries <= MOST_TRIES and problem.comm is None:
+                    problem = self._wider_support(problem)
+                    continue
+                if self.result is None:
                     raise
-                problem = self._wider_support(problem)
-                continue
+                self._go_back(problem)
+                return options
             if self._fits() and (
                 not self.random or self.given_up or self._deviation_fits(method, options, settings)
             ):
@@ -317,6 +320,17 @@ class _Meshes(Judged):
         if not self.steps:
             self.first = wider
         return wider
+
+    def _go_back(self, problem: Problem) -> None:
+        """End the search on the meshes before those on which nothing balances the loads."""
+        assert self.result is not None
+        self.notes.append(
+            f"on the next meshes, of {problem.size} unknowns, no forces of the interfaces balance the loads: "
+            "a part is about to lose its support; give finer cells beside its contacts"
+        )
+        self.given_up = True
+        self.problem = self.result.problem
+        self.meshes = cells_of(self.problem)
 
     def _make_parts(self) -> None:
         """Make the parts of this rank, which keeps them."""

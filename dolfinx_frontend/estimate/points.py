@@ -361,7 +361,7 @@ class Witnesses(NamedTuple):
     weights: Array  # (n,), of sum 1; 0 in the tails
     tails: Array  # (n,) probability of the piece of a tail that a point stands for, 0 elsewhere
     values: Array  # (n,) of the quantity
-    states: Array = np.zeros((0, 0))  # (n, k) of contacts, see `all_states_of`; empty: no kink is looked for
+    states: Array = np.zeros((0, 0))  # (n, k) of contacts along one germ, see `all_states_of`
 
 
 class Lost(NamedTuple):
@@ -423,7 +423,10 @@ def _seen(
     weights = np.concatenate([weights / weights.sum(), np.zeros(int(good.sum()))])
     samples = solve(result, points, np.ones(len(points)), rtol, quantity)
     complete(samples)
-    return Witnesses(points, weights, tails, quantity.at_end(samples, samples), all_states_of(samples))
+    values = quantity.at_end(samples, samples)
+    if points.shape[1] > 1:
+        return Witnesses(points, weights, tails, values)
+    return Witnesses(points, weights, tails, values, all_states_of(samples))
 
 
 def far_out(

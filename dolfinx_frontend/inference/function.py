@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, Never
 
 import numpy as np
 import numpy.typing as npt
@@ -154,7 +154,6 @@ class ProblemFunction:
         self._reduced: Reduced | None = None
         self._journal: Journal | None = None
         self._written = checkpoint is not None
-        self._pressed = False
         if ranks is not None:
             facts = facts_of(inputs, quantities, plan, codes=False)
             ranks.check_same("function", facts)
@@ -260,13 +259,13 @@ class ProblemFunction:
         if self._ranks is not None and self._written:
             solved = self._ranks.told(solved)
         if solved is None:
-            solved = self._solved(x)
-            with agreed_over(self._ranks):
-                if self._journal is not None:
-                    self._journal.add(solved)
-            if self._pressed:
-                self._pressed = False
-                raise Interrupted(f"function: interrupted after {len(x)} of {len(x)} points{self._resumed()}")
+            with Interrupt() as interrupt:
+                solved = self._solved(x, interrupt)
+                with agreed_over(self._ranks):
+                    if self._journal is not None:
+                        self._journal.add(solved)
+            if interrupt.told:  # too late to stop the kernel
+                self._end(len(x), len(x))
         self.solves += len(x)
         into.values[which], into.statuses[which] = solved.values, solved.statuses
         into.places[which], into.error[which] = solved.places, solved.error
@@ -313,7 +312,7 @@ class ProblemFunction:
             values[which], errors[which] = solved(reduced, which)
         return values, errors
 
-    def _solved(self, x: Array) -> Solved:
+    def _solved(self, x: Array, interrupt: Interrupt) -> Solved:
         """Points (n, inputs), solved."""
         starts = self._starts(x)
         every = np.vstack([x, *(each.x for each in starts)])
@@ -326,24 +325,20 @@ class ProblemFunction:
             )
         scale = np.ptp(every, axis=0)
         scale[scale == 0.0] = 1.0
-        with Interrupt() as interrupt:
-            self.solver, points = walked(
-                self.solver,
-                self.plan.amplitudes,
-                parameters,
-                short_steps(x / scale),
-                self.plan.options,
-                callback=interrupt.watch(None),
-                keep_states=True,
-                start={len(x) + k: each.state for k, each in enumerate(starts)},
-                ranks=self._ranks,
-            )
+        self.solver, points = walked(
+            self.solver,
+            self.plan.amplitudes,
+            parameters,
+            short_steps(x / scale),
+            self.plan.options,
+            callback=interrupt.watch(None),
+            keep_states=True,
+            start={len(x) + k: each.state for k, each in enumerate(starts)},
+            ranks=self._ranks,
+        )
         solved = _first(points, len(x))
         if np.any(solved.iterations < 0):
-            done = int((solved.iterations >= 0).sum())
-            raise Interrupted(f"function: interrupted after {done} of {len(x)} points{self._resumed()}")
-        # it came too late to stop the kernel; of several ranks the others do not know
-        self._pressed = interrupt.told and self._ranks is None and self.problem.comm is None
+            self._end(int((solved.iterations >= 0).sum()), len(x))
         own = part_of(parameters, slice(0, len(x)))
         with agreed_over(self._ranks):
             values = self._read(answer_of(self.problem, self.plan, self.solver, solved, own), x)
@@ -367,8 +362,10 @@ class ProblemFunction:
             states[:, 1],
         )
 
-    def _resumed(self) -> str:
-        return "; the checkpoint has all whole batches: the same call goes on" if self._written else ""
+    def _end(self, done: int, count: int) -> Never:
+        """End a call that Ctrl-C has interrupted."""
+        kept = "; the checkpoint has all whole batches: the same call goes on" if self._written else ""
+        raise Interrupted(f"function: interrupted after {done} of {count} points{kept}")
 
     def _starts(self, x: Array) -> list[_Known]:
         """Solved points near some points, which these are started from."""

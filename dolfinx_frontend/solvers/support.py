@@ -693,7 +693,6 @@ def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list
     found = []
     contact = law_contact(result.problem, result.plan, interface.name)
     limits = None if contact is None else contact.limits
-    rows = interface.law.nominal.held_rows(interface).shape[1]
     for k, now in enumerate(steps):
         closed = force[k, :, 0] < 0.0
         if result.plan.times is not None:  # a part that is loaded later may lie there unloaded at first
@@ -705,6 +704,7 @@ def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list
             slips = contact_states(force[k, :, 0], shear, (at[0], at[1]))[1]
             # a point that slips resists what would turn its slip
             along = force[k, :, 1:] / np.maximum(shear, np.finfo(float).tiny)[:, None]
+            rows = interface.law.nominal.held_rows(interface).shape[1]
             holding = np.tile(np.eye(rows), (len(closed), 1, 1)) * closed[:, None, None]
             holding[slips, 1:, 1:] -= np.einsum("pi,pj->pij", along[slips], along[slips])
             sticks = held(result.problem, interface, holding)

@@ -924,8 +924,9 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
     return;
   }
   static_cast<void>(applied_.add(data.cols()));
-  const Eigen::MatrixXf& factor =
-      condensed_single_.get([this] { return Eigen::MatrixXf(condensed_factor().cast<float>()); });
+  const Eigen::MatrixXf& factor = condensed_single_.get([this] {
+    return Eigen::MatrixXf(condensed_factor().cast<float>().triangularView<Eigen::Lower>());
+  });
   Eigen::Map<Matrix> unknowns = work.unknowns.shaped(active_, data.cols());
   multiply_sparse(active_loads_, data, unknowns);
   // scaled, because changes of the data may be far below what single precision can hold
