@@ -84,6 +84,9 @@ REPLICATES = 4
 ZERO = 1e-9
 """A total force or mean jump below this, relative to the same without signs, is rounding."""
 
+CLOSED = 1e-12
+"""The same of jumps that a law prescribes, without signs, relative to the displacements of the parts."""
+
 
 # --- quantities -------------------------------------------------------------------------------------
 def whole_of(value: MeanStd, rtol: float, quantity: Wanted | None = None) -> float | None:
@@ -134,6 +137,12 @@ def beside_what_acts(
         return quantity, ()
     # ranks that do not have the interface know nothing of it
     whole = over_ranks(result, _without_signs(result, quantity), max)
+    what = f"{quantity.of} of {whole:.3g} that the interface has without signs"
+    moved = 0.0
+    if quantity.of == "jump" and result.problem.interfaces[quantity.interface].law.rigid:
+        moved = over_ranks(result, _displaced(result, quantity.interface), max)
+    if whole < CLOSED * moved:  # closed everywhere: nothing of it is left but rounding
+        whole, what = moved, f"displacement of {moved:.3g} that its parts have"
     if not max(abs(value.mean), value.std or 0.0) < below * whole:
         if quantity.compared.deviation or not abs(value.mean) < ZERO * (value.std or 0.0):
             return quantity, ()
@@ -142,10 +151,9 @@ def beside_what_acts(
             "relative to the deviation, as with relative_to='deviation'; give absolute= to say what matters"
         )
         return replace(quantity, compared=replace(quantity.compared, deviation=True)), (note,)
-    what = "force" if quantity.of == "force" else "jump"
     note = (
-        f"the value {value.mean:.1g} {why} beside the {what} of {whole:.3g} that the interface has "
-        "without signs: errors are relative to that; give absolute= to say what matters"
+        f"the value {value.mean:.1g} {why} beside the {what}: errors are relative to that; give absolute= to "
+        "say what matters"
     )
     return replace(quantity, compared=replace(quantity.compared, least=whole)), (note,)
 
@@ -161,6 +169,13 @@ def _without_signs(result: Result, quantity: Resultant) -> float:
     field = field.reshape(-1, *field.shape[-2:])
     whole = float((np.linalg.norm(field, axis=-1) @ weights).max())
     return whole if quantity.of == "force" else whole / float(weights.sum())
+
+
+def _displaced(result: Result, interface: str) -> float:
+    """The largest displacement of the parts of an interface, of all columns; 0: not here."""
+    sides = result.problem.interfaces[interface].sides
+    parts = {side.substructure for side in sides} & set(result.problem.substructures)
+    return max((float(np.abs(result.unknowns(part)).max()) for part in parts), default=0.0)
 
 
 def change_of(one: MeanStd, other: MeanStd, rtol: float, quantity: Wanted | None = None) -> float:

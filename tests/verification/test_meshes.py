@@ -505,3 +505,18 @@ def test_a_value_that_was_rounding_on_the_first_meshes_is_told_as_it_is_on_the_l
     assert len(made.steps) > 2 and len(notes) == 1
     assert notes[0].count("on the last meshes") == 1
     assert f"it is {result.mean_std(opening).mean:.3g}" in notes[0]
+
+
+def test_the_opening_of_a_contact_that_is_closed_is_compared_with_what_moves():
+    """Nothing of it is left but rounding, the same without signs, too."""
+    scene = Scene()
+    for name, y in (("low", 0.0), ("up", 0.5)):
+        part = geometry.box((1.0, 0.5), (3, 2), origin=(0.0, y))
+        scene.substructure(name, part, LinearElastic(E=210e9, nu=0.3), degree=1)
+    scene.interface("joint", "up:y0", "low:y1", Contact(friction=0.3))
+    scene.fix("low:y0")
+    scene.traction("up:y1", (0.0, -1e7))
+    result = solve(scene, accuracy=0.1, quantity=Resultant("joint", "jump"), times=[1.0], progress=False)
+    made = result.errors()
+    assert made.reached and abs(result.mean_std(Resultant("joint", "jump")).mean) < 1e-15
+    assert re.search(r"is rounding beside the displacement of 4\.\d+e-05 that its parts have", str(made))
