@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import warnings
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -210,10 +211,14 @@ def test_what_is_missing_or_malformed_is_said(write: Callable[[Path], None], tmp
     read = {chaos_file: read_chaos, program: read_run}.get(write, read_result)
     read(good)
     refused = tried = 0
+    thinned = 1 if write in (deterministic, program) else 2  # results have most places in common
+    turns = count(1)
     for place, name in places(good):
         if place.startswith(ALIKE if write is deterministic else ALIKE + SAME):
             continue
         for kind, edit in edits(good, place, name):
+            if next(turns) % thinned:
+                continue
             path.write_bytes(whole)
             with h5py.File(path, "r+") as file:
                 edit(file)

@@ -117,17 +117,17 @@ def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_hundred_drawn_scenes(tmp_path: Path) -> None:
-    """The goal is none that is wrong; campaigns of thousands find 0.5 to 1 %, of which this is no more."""
+def test_forty_drawn_scenes(tmp_path: Path) -> None:
+    """None is wrong; campaigns of thousands find 0.5 to 1 %."""
     table = tmp_path / "campaign.json"
     call = [sys.executable, str(BENCHMARKS / "campaign.py"), "--json", str(table)]
-    drawn = ["--scenes", "100", "--seed", "300", "--jobs", "2", "--time-limit", "300"]
+    drawn = ["--scenes", "40", "--seed", "300", "--jobs", "2", "--time-limit", "300"]
     run = subprocess.run([*call, *drawn], capture_output=True, text=True, timeout=850)
     assert run.returncode == 0, run.stderr
     found = json.loads(table.read_text())
     said = "\n".join(f"{one['seed']} {one['outcome']}: {one['what']}" for one in found["failures"])
-    assert found["scenes"] == 100
+    assert found["scenes"] == 40
     assert found["raised"] == found["crashed"] == 0, said
-    assert found["wrong"] <= 1, said
-    assert found["not_converged"] <= 2, said
+    assert found["wrong"] == 0, said
+    assert found["not_converged"] <= 1, said
     assert found["estimate_within"] >= 0.9, said
