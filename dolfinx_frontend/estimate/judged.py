@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from itertools import pairwise
 from math import isfinite
 from time import perf_counter
 from typing import Any
@@ -91,6 +92,10 @@ MOST_BESIDE = 2.0
 
 BLIND = 3.0
 """Times the estimate before that a change is if estimates do not see what changes."""
+
+RECORD, SURE_OF_RECORD = 2, 4.0
+"""Coarser meshes, and steps that gave contacts more points, that say how much estimates say too much; and
+times what they say: half of a change may be left, and the next mesh be as good as the last one."""
 
 FEW_UNKNOWNS = {2: 400, 3: 3000}
 """Unknowns by dimension below which one mesh is not believed alone, nor its change to a second one: glue of
@@ -208,6 +213,8 @@ class Judged:
         self.points: list[dict[str, int]] = []
         self.corrections: list[float | None] = []
         self.of_first_value = ""
+        self.of_itself: Wanted | None = None
+        self.of_itself_since = 0
         self.few = False
         self.meshes: dict[str, Cells] = {}
         self.cells: dict[str, Array] = {}
@@ -225,15 +232,12 @@ class Judged:
         if not self.steps and self._acts_far_from_the_means(result, method, options, settings):
             result = self._at(problem, None, method, options, settings)
         if not self.steps:
-            self.quantity, notes = beside_what_acts(result, self.quantity)
-            if not notes and 0.0 < result.error < ITERATED:
-                why = "is within the error of the iteration"
-                below = OF_ITERATION * result.error
-                self.quantity, notes = beside_what_acts(result, self.quantity, below, why)
+            self.of_itself = self.quantity
+            self.quantity, notes = self._beside_what_acts(result)
             self.notes += notes
             self.of_first_value = next((note for note in notes if "absolute=" in note), "")
         elif self.of_first_value:
-            self._note_value_now(result)
+            self._value_now(result)
         if self.answered is None:
             self._answers(result, NOT_YET)
         found = self._measured(result)
@@ -286,6 +290,8 @@ class Judged:
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         across = self._look_at_contacts(result)
         self.corrections.append(found.correction)
+        by_record = self._over_said(value)
+        estimate, least = by_record * estimate, by_record * least
         seen = self._change(value) if self.weighted else self._change_alone(value)
         if self.weighted and self._beside_curved():
             seen = float(np.fmax(seen, estimate + self._unexplained(value)))
@@ -337,13 +343,31 @@ class Judged:
         if problem.rank == 0 and self.shown and bars() and sys.stderr is not None and sys.stderr.isatty():
             print(line, file=sys.stderr)
 
-    def _note_value_now(self, result: Result) -> None:
-        """Say what a value has become that was rounding on the first meshes."""
+    def _beside_what_acts(self, result: Result) -> tuple[Wanted | None, tuple[str, ...]]:
+        """The quantity as it was asked for, or relative to what acts if its value is rounding; and a note."""
+        quantity, notes = beside_what_acts(result, self.of_itself)
+        if notes or not 0.0 < result.error < ITERATED:
+            return quantity, notes
+        why = "is within the error of the iteration"
+        return beside_what_acts(result, self.of_itself, OF_ITERATION * result.error, why)
+
+    def _value_now(self, result: Result) -> None:
+        """Look again at a value that was rounding on the first meshes: now it may be more, and what errors are
+        relative to is the value itself, as it was asked."""
         assert self.quantity is not None
-        now = f"; on the last meshes it is {result.mean_std(self.quantity).mean:.3g}: "
+        value = result.mean_std(self.quantity).mean
         at = self.notes.index(self.of_first_value)
+        quantity, notes = self._beside_what_acts(result)
+        if not notes:
+            before = self._size(value)
+            self.quantity = quantity
+            self.estimates = [share_of(before * each, self._size(value)) for each in self.estimates]
+            self.of_first_value, self.of_itself_since = "", len(self.steps)
+            del self.notes[at]
+            return
         first = self.of_first_value.partition(";")[0]
-        self.notes[at] = self.of_first_value = f"{first}{now}give absolute= to say what matters"
+        now = f"{first}; on the last meshes it is {value:.3g}: give absolute= to say what matters"
+        self.notes[at] = self.of_first_value = now
 
     def _look_at_contacts(self, result: Result) -> float:
         """Find the edges of contact zones, and how many points the one with the fewest has in each direction.
@@ -702,7 +726,8 @@ class Judged:
         their signs: where a contact slips or opens on one mesh and not on another, slopes at the answer know
         nothing of it. NaN: there is one mesh only, or no estimate with a sign.
 
-        It falls as at the edge of a contact zone, in steps that give the contact more points.
+        It falls as at the edge of a contact zone, in steps that give the contact more points. Where the last two
+        fall, and one of them is of such a step, those before them are those of meshes that are too coarse.
         """
         if not self.steps or value is None or any(each is None for each in self.corrections):
             return np.nan
@@ -711,12 +736,35 @@ class Judged:
         # a change that is less than foretold, in the same direction, is in the estimate
         sizes = np.abs(changes)
         beside = np.clip(sizes - foretold * np.sign(changes), 0.0, MOST_BESIDE * sizes)
+        more = [any(b[name] > a[name] for name in a) for a, b in pairwise(self.points)]
+        known = 0
+        if len(sizes) > 2 and any(more[-2:]) and sizes[-1] <= RATE * sizes[-2]:
+            known = len(sizes) - 2
         left, since = 0.0, AT_EDGES
-        for k in range(len(beside) - 1, -1, -1):
+        for k in range(len(beside) - 1, known - 1, -1):
             left = max(left, share_of(float(beside[k]), self._size(value)) * since / (1.0 - AT_EDGES))
-            if any(self.points[k + 1][name] > self.points[k][name] for name in self.points[k]):
+            if more[k]:
                 since *= AT_EDGES * FORGOTTEN
         return left
+
+    def _over_said(self, value: float | None) -> float:
+        """What the estimate is to be multiplied with, at most 1, where coarser meshes show that it says too
+        much: friction that is used up leaves parts almost free, whose dual solutions are large. NaN or
+        infinite estimates say nothing.
+
+        The error of an earlier mesh is its distance from the present one, but for what is left here.
+        """
+        if value is None or not (self.weighted and self._beside_curved()) or len(self.steps) < RECORD:
+            return 1.0
+        more = [any(b[name] > a[name] for name in a) for a, b in pairwise(self.points)]
+        if sum(more) < RECORD:
+            return 1.0
+        worst = 0.0
+        for step, estimate in zip(self.steps, self.estimates, strict=False):
+            if step.value is None or not estimate > 0.0:
+                return 1.0
+            worst = max(worst, share_of(step.value - value, self._size(value)) / estimate)
+        return min(1.0, SURE_OF_RECORD * worst)
 
     def _changes(self, value: float | None) -> Array:
         """Relative changes from mesh to mesh, to one with this value."""
@@ -828,9 +876,10 @@ class Judged:
 
     def _cannot_be_told(self) -> bool:
         """Whether the value is lost in its own error on mesh after mesh: it may be 0."""
-        if self.quantity is None or len(self.steps) < LOST_STEPS:
+        steps = self.steps[self.of_itself_since :]
+        if self.quantity is None or len(steps) < LOST_STEPS:
             return False
-        values = [abs(step.value or 0.0) for step in self.steps[-LOST_STEPS:]]
+        values = [abs(step.value or 0.0) for step in steps[-LOST_STEPS:]]
         if min(values) > LOST_IN * max(self.largest, *values) or not self.said > 1.0:
             return False
         return True
