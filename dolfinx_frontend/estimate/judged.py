@@ -93,9 +93,10 @@ MOST_BESIDE = 2.0
 BLIND = 3.0
 """Times the estimate before that a change is if estimates do not see what changes."""
 
-RECORD, SURE_OF_RECORD = 2, 4.0
-"""Coarser meshes, and steps that gave contacts more points, that say how much estimates say too much; and
-times what they say: half of a change may be left, and the next mesh be as good as the last one."""
+RECORD, SURE_OF_RECORD, LEAST_OF_RECORD = 2, 4.0, 0.02
+"""Coarser meshes, and steps that gave contacts more points, that say how much estimates say too much; times
+what they say, for half of a change may be left, and the next mesh be as good as the last one; and the least
+that is believed of it."""
 
 FEW_UNKNOWNS = {2: 400, 3: 3000}
 """Unknowns by dimension below which one mesh is not believed alone, nor its change to a second one: glue of
@@ -203,6 +204,7 @@ class Judged:
         self.largest = 0.0
         self.given_up = False
         self.estimates: list[float] = []
+        self.leasts: list[float] = []
         self.read: dict[str, Ints | slice] = {}
         self.weighted, self.cut = True, False
         self.in_whole_numbers = False
@@ -290,8 +292,9 @@ class Judged:
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         across = self._look_at_contacts(result)
         self.corrections.append(found.correction)
-        by_record = self._over_said(value)
-        estimate, least = by_record * estimate, by_record * least
+        self.leasts.append(least)
+        estimate *= self._over_said(value, self.estimates)
+        least *= self._over_said(value, self.leasts)
         seen = self._change(value) if self.weighted else self._change_alone(value)
         if self.weighted and self._beside_curved():
             seen = float(np.fmax(seen, estimate + self._unexplained(value)))
@@ -361,7 +364,8 @@ class Judged:
         if not notes:
             before = self._size(value)
             self.quantity = quantity
-            self.estimates = [share_of(before * each, self._size(value)) for each in self.estimates]
+            for known in (self.estimates, self.leasts):
+                known[:] = [share_of(before * each, self._size(value)) for each in known]
             self.of_first_value, self.of_itself_since = "", len(self.steps)
             del self.notes[at]
             return
@@ -747,8 +751,8 @@ class Judged:
                 since *= AT_EDGES * FORGOTTEN
         return left
 
-    def _over_said(self, value: float | None) -> float:
-        """What the estimate is to be multiplied with, at most 1, where coarser meshes show that it says too
+    def _over_said(self, value: float | None, estimates: Sequence[float]) -> float:
+        """What the last of the estimates is to be multiplied with, at most 1, where coarser meshes show that it says too
         much: friction that is used up leaves parts almost free, whose dual solutions are large. NaN or
         infinite estimates say nothing.
 
@@ -756,15 +760,17 @@ class Judged:
         """
         if value is None or not (self.weighted and self._beside_curved()) or len(self.steps) < RECORD:
             return 1.0
+        if self.of_first_value:  # the changes of what is rounding say nothing
+            return 1.0
         more = [any(b[name] > a[name] for name in a) for a, b in pairwise(self.points)]
         if sum(more) < RECORD:
             return 1.0
         worst = 0.0
-        for step, estimate in zip(self.steps, self.estimates, strict=False):
+        for step, estimate in zip(self.steps, estimates, strict=False):
             if step.value is None or not estimate > 0.0:
                 return 1.0
             worst = max(worst, share_of(step.value - value, self._size(value)) / estimate)
-        return min(1.0, SURE_OF_RECORD * worst)
+        return min(1.0, max(SURE_OF_RECORD * worst, LEAST_OF_RECORD))
 
     def _changes(self, value: float | None) -> Array:
         """Relative changes from mesh to mesh, to one with this value."""
@@ -901,7 +907,8 @@ class Judged:
         share = before / self._size(self.steps[-1].value)
         self.notes += notes
         self.said, self.rest, self.sure = (share * each for each in (self.said, self.rest, self.sure))
-        self.estimates = [share * each for each in self.estimates]
+        for known in (self.estimates, self.leasts):
+            known[:] = [share * each for each in known]
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target and self.confirmed
 
