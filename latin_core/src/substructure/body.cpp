@@ -873,8 +873,8 @@ const Matrix* Body::compliance_by_solves(Index columns) const {
   if (const Matrix* made = compliance_.made()) {
     return made;
   }
-  // it takes as many solutions as there are rows, side by side, each a fifth of one that waits for memory
-  if (static_cast<double>(applied_.add(columns)) <= 0.2 * static_cast<double>(rows())) {
+  // it takes as many solutions as there are rows, side by side, each an eighth of one that waits for memory
+  if (static_cast<double>(applied_.add(columns)) <= 0.125 * static_cast<double>(rows())) {
     return nullptr;
   }
   return &compliance_.get([this] {

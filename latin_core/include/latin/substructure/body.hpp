@@ -329,7 +329,7 @@ class Body {
   // body that is not condensed the former, if it is shorter to read than the sparse factor.
   Lazy<Matrix> compliance_;
   double dense_limit_ = 0.0;  ///< bytes that it may take there
-  mutable Counter applied_;  ///< columns so far
+  mutable Counter applied_;   ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
   Lazy<Matrix> schur_;
   Lazy<Spectrum> spectrum_;
