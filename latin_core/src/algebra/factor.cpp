@@ -16,7 +16,6 @@
 #include "latin/algebra/elimination.hpp"
 #include "latin/algebra/handle.hpp"
 #include "latin/algebra/supernodes.hpp"
-#include "latin/algebra/triangle.hpp"
 #include "latin/common/error.hpp"
 
 #ifdef LATIN_HAVE_CHOLMOD
@@ -348,9 +347,7 @@ class CholmodFactor final : public Factor {
   [[nodiscard]] std::string backend() const override { return Api::backend; }
 
   [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override {
-    // of one column CHOLMOD reads the factor as it is
-    return rhs.cols() > 1 && rhs.cols() <= few_columns ? solve_few(rhs)
-                                                       : solve_with({CHOLMOD_A}, rhs);
+    return solve_with({CHOLMOD_A}, rhs);
   }
   [[nodiscard]] Matrix forward(ConstMatrixRef rhs) const override {
     return solve_with({CHOLMOD_P, CHOLMOD_L}, rhs);
@@ -416,47 +413,6 @@ class CholmodFactor final : public Factor {
 
   void make_trailing_identity() {
     each_trailing([](Int row, Int column, double& value) { value = row == column ? 1.0 : 0.0; });
-  }
-
-  /// The solution of few columns, supernode by supernode.
-  [[nodiscard]] Matrix solve_few(ConstMatrixRef rhs) const {
-    const auto* super = static_cast<const Int*>(factor_->super);
-    const auto* row_start = static_cast<const Int*>(factor_->pi);
-    const auto* value_start = static_cast<const Int*>(factor_->px);
-    const auto* rows = static_cast<const Int*>(factor_->s);
-    const auto* values = static_cast<const double*>(factor_->x);
-    const Eigen::Map<const Eigen::Vector<Int, Eigen::Dynamic>> order(
-        static_cast<const Int*>(factor_->Perm), size_);
-    Matrix x = rhs(order, every);
-    Matrix block;
-    const auto panel_of = [&](std::size_t node) {
-      return Eigen::Map<const Matrix>(values + value_start[node],
-                                      row_start[node + 1] - row_start[node],
-                                      super[node + 1] - super[node]);
-    };
-    const auto rows_of = [&](std::size_t node) {
-      return Eigen::Map<const Eigen::Vector<Int, Eigen::Dynamic>>(
-          rows + row_start[node], row_start[node + 1] - row_start[node]);
-    };
-    for (std::size_t node = 0; node < factor_->nsuper; ++node) {
-      const auto panel = panel_of(node);
-      const auto here = rows_of(node);
-      const Index below = panel.rows() - panel.cols();
-      block.setZero(panel.rows(), x.cols());
-      block.topRows(panel.cols()) = x.middleRows(super[node], panel.cols());
-      solve_with_trapezoid(panel, block);
-      x.middleRows(super[node], panel.cols()) = block.topRows(panel.cols());
-      x(here.tail(below), every) += block.bottomRows(below);
-    }
-    for (std::size_t node = factor_->nsuper; node-- > 0;) {
-      const auto panel = panel_of(node);
-      block = x(rows_of(node), every);
-      solve_with_transposed_trapezoid(panel, block);
-      x.middleRows(super[node], panel.cols()) = block.topRows(panel.cols());
-    }
-    Matrix solution(x.rows(), x.cols());
-    solution(order, every) = x;
-    return solution;
   }
 
   /// One system after the other.

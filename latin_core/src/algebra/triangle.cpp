@@ -5,6 +5,7 @@
 namespace latin::algebra {
 namespace {
 
+constexpr Index few_columns = 3;
 /// Columns and rows of a piece of the triangle: 1 MB, which stays in a cache for the next column of x.
 constexpr Index piece_columns = 64;
 constexpr Index piece_rows = 2048;
@@ -19,27 +20,30 @@ void pieces_below(Index row, Index rows, const Visit& visit) {
 
 }  // namespace
 
-void solve_with_trapezoid(ConstMatrixRef lower, MatrixRef x) {
-  for (Index j = 0; j < lower.cols(); j += piece_columns) {
-    const Index count = std::min(piece_columns, lower.cols() - j);
+void solve_with_triangle(ConstMatrixRef lower, MatrixRef x) {
+  if (x.cols() > few_columns) {
+    lower.triangularView<Eigen::Lower>().solveInPlace(x);
+    lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
+    return;
+  }
+  const Index size = lower.rows();
+  for (Index j = 0; j < size; j += piece_columns) {
+    const Index count = std::min(piece_columns, size - j);
     const auto diagonal = lower.block(j, j, count, count).triangularView<Eigen::Lower>();
     for (Index c = 0; c < x.cols(); ++c) {
       auto part = x.col(c).segment(j, count);
       diagonal.solveInPlace(part);
     }
-    pieces_below(j + count, lower.rows(), [&](Index row, Index rows) {
+    pieces_below(j + count, size, [&](Index row, Index rows) {
       for (Index c = 0; c < x.cols(); ++c) {
         x.col(c).segment(row, rows).noalias() -=
             lower.block(row, j, rows, count) * x.col(c).segment(j, count);
       }
     });
   }
-}
-
-void solve_with_transposed_trapezoid(ConstMatrixRef lower, MatrixRef x) {
-  for (Index j = (lower.cols() - 1) / piece_columns * piece_columns; j >= 0; j -= piece_columns) {
-    const Index count = std::min(piece_columns, lower.cols() - j);
-    pieces_below(j + count, lower.rows(), [&](Index row, Index rows) {
+  for (Index j = (size - 1) / piece_columns * piece_columns; j >= 0; j -= piece_columns) {
+    const Index count = std::min(piece_columns, size - j);
+    pieces_below(j + count, size, [&](Index row, Index rows) {
       for (Index c = 0; c < x.cols(); ++c) {
         x.col(c).segment(j, count).noalias() -=
             lower.block(row, j, rows, count).transpose() * x.col(c).segment(row, rows);
@@ -51,16 +55,6 @@ void solve_with_transposed_trapezoid(ConstMatrixRef lower, MatrixRef x) {
       diagonal.transpose().triangularView<Eigen::Upper>().solveInPlace(part);
     }
   }
-}
-
-void solve_with_triangle(ConstMatrixRef lower, MatrixRef x) {
-  if (x.cols() > few_columns) {
-    lower.triangularView<Eigen::Lower>().solveInPlace(x);
-    lower.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
-    return;
-  }
-  solve_with_trapezoid(lower, x);
-  solve_with_transposed_trapezoid(lower, x);
 }
 
 }  // namespace latin::algebra
