@@ -129,8 +129,8 @@ LESS = 0.8
 """Share of what the meshes leave of the accuracy that is asked of points."""
 
 ALMOST = 0.85
-"""Share of an accuracy up to which meshes may come for points to fit into what is left: of the sum alone it is asked,
-and one more mesh, with the points on it, costs more than a try."""
+"""Share of an accuracy up to which meshes may come for points to fit into what is left: the sum is asked for
+alone, and one more mesh, with the points on it, costs more than a try."""
 
 ITERATED, OF_ITERATION = 1e-6, 10.0
 """Error of an iteration beside which a value may be none, and how many times the error it may be then."""

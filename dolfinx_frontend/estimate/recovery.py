@@ -277,7 +277,7 @@ class Recovery:
         return np.asarray(np.einsum("cqim,cqmj->cqij", slopes, self.inverse))
 
     def recovered(self, fields: Sequence[Array], space: Any) -> Array:
-        """Recovered gradients of unknowns (n,), values (fields, unknowns) in a Lagrange space of shape (d, d)."""
+        """Recovered gradients of unknowns (n,): (fields, unknowns) of a Lagrange space of shape (d, d)."""
         d, count = self.dim, len(fields)
         gradients = [self.gradient(u).reshape(len(self.dofs), -1, d * d) for u in fields]
         gradient = np.concatenate(gradients, axis=2)
