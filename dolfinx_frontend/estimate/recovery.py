@@ -60,13 +60,13 @@ def _exponents(dim: int, degree: int, simplex: bool) -> Ints:
 def _powers(x: Array, exponents: Ints) -> Array:
     """Monomials (..., terms) at points (..., d)."""
     out = np.empty((*x.shape[:-1], len(exponents)))
-    powers = []
+    powers: list[list[Array]] = []
     for axis in range(x.shape[-1]):
         powers.append([np.ones(x.shape[:-1]), np.ascontiguousarray(x[..., axis])])
         for _ in range(1, int(exponents.max())):
             powers[-1].append(powers[-1][-1] * powers[-1][1])
-    for k, of_term in enumerate(exponents):
-        factors = [powers[axis][power] for axis, power in enumerate(of_term) if power > 0]
+    for k in range(len(exponents)):
+        factors = [each[power] for each, power in zip(powers, exponents[k], strict=True) if power > 0]
         out[..., k] = reduce(np.multiply, factors) if factors else 1.0
     return out
 
