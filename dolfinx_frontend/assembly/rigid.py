@@ -64,8 +64,9 @@ def rigid_modes(x: Array, centre: Array, length: float) -> Array:
     if d == 2:
         out[:, 0, 2], out[:, 1, 2] = -r[:, 1], r[:, 0]
     else:
-        for k in range(3):
-            out[:, :, 3 + k] = np.cross(np.eye(3)[k], r)
+        for k in range(3):  # e_k x r
+            after, last = (k + 1) % 3, (k + 2) % 3
+            out[:, after, 3 + k], out[:, last, 3 + k] = -r[:, last], r[:, after]
     return out
 
 

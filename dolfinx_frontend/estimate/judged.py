@@ -134,6 +134,10 @@ FOLLOWS = 1.5
 LESS = 0.8
 """Share of what the meshes leave of the accuracy that is asked of points."""
 
+ALMOST = 0.85
+"""Share of an accuracy up to which meshes may come for points to fit into what is left: the sum is asked for
+alone, and one more mesh, with the points on it, costs more than a try."""
+
 ITERATED, OF_ITERATION = 1e-6, 10.0
 """Error of an iteration beside which a value may be none, and how many times the error it may be then."""
 
@@ -849,7 +853,14 @@ class Judged:
             return True
         if self._cannot_be_told():
             return self._as_far_as_it_acts()
-        return self.said <= self.target and self.confirmed
+        return self.said <= max(self.target, self._almost()) and self.confirmed
+
+    def _almost(self) -> float:
+        """Errors up to which points are tried, of which :meth:`_by_points` says whether they fit."""
+        assert self.problem is not None
+        curved = any(not each.law.linear for each in self.problem.interfaces.values())
+        points = self.random and curved and self.before is not None and isinstance(self.quantity, Resultant)
+        return ALMOST * self.accuracy if points else 0.0
 
     def _not_confirmed(self) -> None:
         """Where a search ends and would fit, with changes that tell no rate, a contact whose edge no other

@@ -9,7 +9,7 @@ Each part by itself: nothing is smoothed over interfaces.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, reduce
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -59,12 +59,15 @@ def _exponents(dim: int, degree: int, simplex: bool) -> Ints:
 
 def _powers(x: Array, exponents: Ints) -> Array:
     """Monomials (..., terms) at points (..., d)."""
-    out = np.ones((*x.shape[:-1], len(exponents)))
+    out = np.empty((*x.shape[:-1], len(exponents)))
+    powers: list[list[Array]] = []
     for axis in range(x.shape[-1]):
-        column = [np.ones(x.shape[:-1])]
-        for _ in range(int(exponents.max())):
-            column.append(column[-1] * x[..., axis])
-        out *= np.stack(column, axis=-1)[..., exponents[:, axis]]
+        powers.append([np.ones(x.shape[:-1]), np.ascontiguousarray(x[..., axis])])
+        for _ in range(1, int(exponents.max())):
+            powers[-1].append(powers[-1][-1] * powers[-1][1])
+    for k in range(len(exponents)):
+        factors = [each[power] for each, power in zip(powers, exponents[k], strict=True) if power > 0]
+        out[..., k] = reduce(np.multiply, factors) if factors else 1.0
     return out
 
 
@@ -257,7 +260,7 @@ class Recovery:
             self.radius[who] = radius
             P = _powers(offset / radius[:, None, None, None], self.terms) * there[:, :, None, None]
             P = P.reshape(len(who), widest * q, -1)
-            A = np.einsum("vsa,vsb->vab", P, P, optimize=True)
+            A = P.transpose(0, 2, 1) @ P
             # coefficients that the points do not determine are 0, about the mean: constants are recovered
             fit = np.linalg.pinv(A, rcond=1e-8, hermitian=True) @ P.transpose(0, 2, 1)
             mean = np.repeat(there, q, axis=1) / (sizes[who] * q)[:, None]
@@ -273,13 +276,14 @@ class Recovery:
         slopes = np.einsum("cki,mqk->cqim", values, self.slopes, optimize=True)
         return np.asarray(np.einsum("cqim,cqmj->cqij", slopes, self.inverse))
 
-    def recovered(self, u: Array, space: Any) -> fem.Function:
-        """Recovered gradient of unknowns (n,) in a Lagrange space with the value shape (d, d)."""
-        d = self.dim
-        gradient = self.gradient(u).reshape(len(self.dofs), -1, d * d)
-        fits = np.empty((len(self.vertices), len(self.terms), d * d))
+    def recovered(self, fields: Sequence[Array], space: Any) -> Array:
+        """Recovered gradients of unknowns (n,): (fields, unknowns) of a Lagrange space of shape (d, d)."""
+        d, count = self.dim, len(fields)
+        gradients = [self.gradient(u).reshape(len(self.dofs), -1, d * d) for u in fields]
+        gradient = np.concatenate(gradients, axis=2)
+        fits = np.empty((len(self.vertices), len(self.terms), count * d * d))
         for who, cells, fit in self.groups:
-            fits[who] = fit @ gradient[cells].reshape(len(who), -1, d * d)
+            fits[who] = fit @ gradient[cells].reshape(len(who), -1, count * d * d)
         # blend: the fits of a cell's corners, weighted by its (multi)linear shape functions
         element = basix.create_element(
             basix.ElementFamily.P,
@@ -290,22 +294,25 @@ class Recovery:
         at = np.asarray(self.element.points)
         hats = tabulate(element, 0, at)[0]
         shape = tabulate(coordinate_element(self.part.part.mesh), 0, at)[0]
-        target = fem.Function(space)
-        out = target.x.array.reshape(-1, d * d)
+        index_map = space.dofmap.index_map
+        out = np.zeros((count, index_map.size_local + index_map.num_ghosts, d * d))
         dofs = np.asarray(space.dofmap.list)
         for some in np.array_split(np.arange(len(dofs)), 1 + len(dofs) * len(at) // 50_000):
             x = np.einsum("nk,cki->cni", shape, self.x[self.nodes[some]])
-            value = np.zeros((len(some), len(at), d * d))
+            value = np.zeros((len(some), len(at), count * d * d))
             for k in range(self.corner.shape[1]):
                 v = self.corner[some, k]
                 offset = (x - self.x[self.vertices[v]][:, None]) / self.radius[v][:, None, None]
                 value += hats[:, k, None] * (_powers(offset, self.terms) @ fits[v])
-            out[dofs[some]] = value
-        return target
+            for own, each in zip(out, np.split(value, count, axis=2), strict=True):
+                own[dofs[some]] = each
+        return out.reshape(count, -1)
 
     def gradient_field(self, u: Array) -> fem.Function:
         """Recovered gradient of unknowns (n,), of the element's degree, (d, d)."""
-        return self.recovered(u, self._form[1][0].function_space)
+        target = fem.Function(self._form[1][0].function_space)
+        target.x.array[:] = self.recovered([u], target.function_space)[0]
+        return target
 
     def energies(self, fields: Sequence[Array]) -> Array:
         """a(e_i, e_j): energy products of the estimated errors of solutions (n,), force * length.
@@ -317,7 +324,7 @@ class Recovery:
             estimated error in the energy norm.
         """
         form, (g, w, h, v), place = self._form
-        gradients = [self.recovered(u, g.function_space).x.array for u in fields]
+        gradients = self.recovered(fields, g.function_space)
         out = np.zeros((len(fields), len(fields), len(self.dofs)))
         for i, u in enumerate(fields):
             w.x.array[:], g.x.array[:] = u, gradients[i]

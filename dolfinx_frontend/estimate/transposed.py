@@ -77,7 +77,7 @@ class Transposed:
         self.traces = solver.global_stage(laws, self.data, amplitudes)
         self.residual = self._everywhere(solver.local_stage(laws, self.data, self.traces)[:, column])
         self.directions = self._everywhere(solver.directions)
-        self.no_loads = np.zeros_like(amplitudes)
+        self.no_loads = np.zeros((len(amplitudes), 1))
         nonlinear = [n for n in solver.plan.active if not self.problem.interfaces[n].law.linear]
         self.slopes = [self._slopes(name) for name in nonlinear]
 
@@ -110,7 +110,8 @@ class Transposed:
                 return None
         change = np.zeros_like(self.data)
         change[:, self.column] = self._mine(step)
-        return change, before + self._moved(step)
+        before[:, self.column] += self._moved(step)
+        return change, before
 
     # --- ranks -------------------------------------------------------------------------------------
     def _said(self, content: T) -> list[T]:
@@ -150,13 +151,13 @@ class Transposed:
     def _apply(self, step: Array) -> Array:
         with agreement(self.comm):
             stop_if_pressed()
-        return self._residual(step, self._moved(step)[:, self.column])
+        return self._residual(step, self._moved(step))
 
     def _moved(self, step: Array) -> Array:
-        """What a change of the data (rows,) does to the traces of this rank, (rows of this rank, columns)."""
-        block = np.zeros_like(self.data)
-        block[:, self.column] = self._mine(step)
-        return self.solver.global_stage(self.laws, block, self.no_loads)
+        """What a change of the data (rows,) does to the traces of this rank, (rows of this rank,)."""
+        # of one column: bodies do not mix them, and several cost a sparse factor more than their number
+        own = np.asfortranarray(self._mine(step)[:, None])
+        return self.solver.global_stage(self.laws, own, self.no_loads)[:, 0]
 
     def _residual(self, step: Array, moved: Array) -> Array:
         """What changes of data (rows,), and of traces of this rank, do to the residual (rows,) with slopes

@@ -67,7 +67,15 @@ class _Round(NamedTuple):
 
 
 def _round_facets(part: Substructure) -> _Round | None:
-    """The facets whose normals turn to those beside; None: there are none."""
+    """The facets whose normals turn to those beside, found when first asked for; None: there are none."""
+    kept = vars(part)  # as cached_property does with what is frozen
+    if "_round" not in kept:
+        kept["_round"] = _found_round(part)
+    found: _Round | None = kept["_round"]
+    return found
+
+
+def _found_round(part: Substructure) -> _Round | None:
     mesh, d = part.part.mesh, part.dim
     if int(coordinate_map(mesh).degree) > 1:
         return _parabolas(part)

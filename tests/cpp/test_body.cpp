@@ -252,6 +252,42 @@ TEST(Body, AnswersTheSameOnceItMultipliesInsteadOfSolving) {
   }
 }
 
+TEST(Body, AnswersTheSameOnceItMultipliesInsteadOfSolvingWithASparseFactor) {
+  // three rows of sums over four nodes of a bar of twenty: a block of nine numbers fits where one of 144 does not
+  SparseRows trace(3, 20);
+  for (int i = 0; i < 12; ++i) {
+    trace.insert(i / 4, i + i / 4) = 1.0 + 0.1 * i;
+  }
+  trace.makeCompressed();
+  const Vector weights = (Vector(3) << 0.5, 1.5, 0.7).finished();
+  const Vector direction = (Vector(3) << 2.0, 3.0, 0.4).finished();
+  const SparseRows stiffness = chain::bar(20, 2.0);
+  const auto with_limit = [&](double bytes) {
+    return Body(
+        {"bar", 20, {{"bar", latin::owning_view(stiffness), {}, Matrix::Zero(20, 0), {}}}, {}},
+        {{0, trace, weights, direction}},
+        {latin::substructure::OperatorKind::automatic, latin::algebra::FactorBackend::automatic,
+         bytes});
+  };
+  const Matrix robin = weights.cwiseProduct(direction).asDiagonal();
+  const Matrix dense = Matrix(stiffness) + Matrix(trace).transpose() * robin * Matrix(trace);
+  const Matrix moved = Matrix(trace) * dense.ldlt().solve(Matrix(trace).transpose());
+  for (const double bytes : {72.0, 71.0}) {  // with the block, and without
+    const Body body = with_limit(bytes);
+    ASSERT_FALSE(body.condensed());
+    latin::substructure::BodyWork work;
+    for (const Index columns : {1, 2, 12, 1}) {
+      const Matrix data = random(3, columns, 7);
+      const Matrix exact = moved * weights.asDiagonal() * data;
+      Matrix found(3, columns);
+      body.apply(data, found, work);
+      EXPECT_LT((found - exact).norm(), 1e-13 * exact.norm());
+      body.apply_single(data, found, work);
+      EXPECT_LT((found - exact).norm(), 1e-13 * exact.norm());
+    }
+  }
+}
+
 TEST(Body, SaysWhichPartIsNotDefinite) {
   const Index n = 4;
   try {

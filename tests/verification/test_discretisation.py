@@ -16,6 +16,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, _Dual
 from dolfinx_frontend.estimate.mesh_error import discretisation_error as estimate
+from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.scene.amplitudes import Amplitude
@@ -54,6 +55,18 @@ def split_ring(n: int, cell: str, degree: int) -> Problem:
     for part in rings.parts:
         scene.symmetry([f"{part}:theta0", f"{part}:theta1"])
     return assemble(scene)
+
+
+def test_products_of_two_fields_are_bilinear() -> None:
+    """In every cell a(e_u, e_z) of two fields recovered together is that of each alone and of their sum."""
+    made = recovery(split_ring(2, "triangle", 2).substructures["inner"])
+    u, z = np.random.default_rng(3).standard_normal((2, made.part.size))
+    both = made.energies([u, z])
+    alone = [made.energies([field])[0, 0] for field in (u, z, u + z)]
+    scale = max(each.max() for each in alone)
+    assert both[0, 0] == pytest.approx(alone[0], abs=1e-12 * scale)
+    assert both[1, 1] == pytest.approx(alone[1], abs=1e-12 * scale)
+    assert both[0, 0] + 2.0 * both[0, 1] + both[1, 1] == pytest.approx(alone[2], abs=1e-12 * scale)
 
 
 def ring_error(result: Result, degree: int) -> float:

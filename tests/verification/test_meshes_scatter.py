@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from mpi4py import MPI
 
 import ufl
 from dolfinx_frontend import geometry
+from dolfinx_frontend.estimate.judged import ALMOST, Judged
 from dolfinx_frontend.estimate.unseen import _round_facets
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
@@ -106,8 +108,23 @@ def test_parabolas_miss_area_of_a_disc(edges: int) -> None:
     height, chord = 1.0 - np.cos(0.5 * angle), 2.0 * np.sin(0.5 * angle)
     known = edges * (0.5 * np.sin(angle) + 2.0 / 3.0 * chord * height)
     assert area == pytest.approx(known, rel=1e-12)
-    found = _round_facets(SimpleNamespace(part=SimpleNamespace(mesh=mesh), dim=2))  # type: ignore[arg-type]
+    part: Any = SimpleNamespace(part=SimpleNamespace(mesh=mesh), dim=2)
+    found = _round_facets(part)
     assert found is not None and len(found.cells) == edges
+    assert _round_facets(part) is found  # of one mesh they are found once
     missing = float(np.sum(found.thickness * found.areas))
     # parabolas turn less than their arcs, and chords are shorter: both are of second order in the angle
     assert missing == pytest.approx(np.pi - area, rel=0.45 * angle**2)
+
+
+def test_points_are_tried_where_meshes_almost_fit() -> None:
+    """Only where points answer, which are held to the sum, and from the second mesh on."""
+    friction, springs = (SimpleNamespace(law=SimpleNamespace(linear=linear)) for linear in (False, True))
+
+    def up_to(law: Any = friction, **others: Any) -> float:
+        known = {"accuracy": 0.01, "random": True, "before": "a mesh", "quantity": Resultant("j")} | others
+        known["problem"] = SimpleNamespace(interfaces={"k": springs, "j": law})
+        return Judged._almost(SimpleNamespace(**known))  # type: ignore[arg-type]
+
+    assert up_to() == ALMOST * 0.01
+    assert up_to(springs) == up_to(random=False) == up_to(before=None) == up_to(quantity=None) == 0.0

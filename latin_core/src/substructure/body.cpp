@@ -399,6 +399,9 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
   const bool condense = wants_condensation(options);
+  const bool sparse = options.kind == OperatorKind::factored;
+  const double most = std::numeric_limits<double>::infinity();
+  dense_limit_ = sparse ? 0.0 : options.memory_limit > 0.0 ? options.memory_limit : most;
   const bool varies = std::ranges::any_of(
       description.members, [](const Member& member) { return member.stretch_points > 0; });
   if (condense && !varies) {
@@ -861,7 +864,35 @@ LoadResponse Body::response_with(const std::vector<Matrix>& loads) const {
   return sum.size() > 0 ? respond(std::move(sum)) : response_;
 }
 
+const Matrix* Body::compliance_by_solves(Index columns) const {
+  // numbers that are read: half of the product, or the sparse factor twice
+  const double block = static_cast<double>(rows()) * static_cast<double>(rows());
+  if (8.0 * block > dense_limit_ || 0.5 * block > factor_->nonzeros() || measurable()) {
+    return nullptr;
+  }
+  if (const Matrix* made = compliance_.made()) {
+    return made;
+  }
+  // it takes as many solutions as there are rows, side by side, each an eighth of one that waits for memory
+  if (static_cast<double>(applied_.add(columns)) <= 0.125 * static_cast<double>(rows())) {
+    return nullptr;
+  }
+  return &compliance_.get([this] {
+    constexpr Index side_by_side = 256;  // all unknowns of the body in each
+    Matrix product(rows(), rows());
+    for (Index from = 0; from < rows(); from += side_by_side) {
+      const Index count = std::min(side_by_side, rows() - from);
+      const Matrix unit = SparseRows(traces_.middleRows(from, count)).transpose();
+      product.middleCols(from, count) = traces_ * factor_->solve(unit);
+    }
+    return Matrix(0.5 * (product + product.transpose()));
+  });
+}
+
 const Matrix* Body::compliance(Index columns) const {
+  if (!condensed()) {
+    return compliance_by_solves(columns);
+  }
   const bool of_rows = rows() < active_;
   const Index size = of_rows ? rows() : active_;
   if (!of_rows) {
@@ -894,12 +925,13 @@ const Matrix* Body::compliance(Index columns) const {
 }
 
 void Body::apply(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const {
-  if (!condensed()) {
+  const Matrix* const dense = compliance(data.cols());
+  if (dense == nullptr && !condensed()) {
     traces = traces_ * factor_->solve(traces_.transpose() * (weights_.asDiagonal() * data));
     return;
   }
-  if (const Matrix* dense = compliance(data.cols())) {
-    if (rows() < active_) {
+  if (dense != nullptr) {
+    if (rows() < active_ || !condensed()) {
       Eigen::Map<Matrix> weighted = work.weighted.shaped(rows(), data.cols());
       weighted = weights_.asDiagonal() * data;
       multiply_symmetric(*dense, weighted, traces);

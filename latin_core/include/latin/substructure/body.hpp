@@ -269,6 +269,8 @@ class Body {
 
   /// T A^-1 T^T, or A^-1 if that is smaller, as a dense matrix where it is cheaper from now on; else null.
   [[nodiscard]] const Matrix* compliance(Index columns) const;
+  /// The former of a body that is not condensed.
+  [[nodiscard]] const Matrix* compliance_by_solves(Index columns) const;
   /// Right-hand side of the global stage, (n_body, c).
   [[nodiscard]] Matrix forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                  const LoadResponse& loads) const;
@@ -323,9 +325,11 @@ class Body {
   };
   std::shared_ptr<const Origin> origin_;  ///< null: nothing can be taken over
   bool kept_ = false;
-  // T A^-1 T^T where the sides have fewer rows than unknowns (facet means do), else A^-1: after many products
+  // T A^-1 T^T where the sides have fewer rows than unknowns (facet means do), else A^-1: after many products. Of a
+  // body that is not condensed the former, if it is shorter to read than the sparse factor.
   Lazy<Matrix> compliance_;
-  mutable Counter applied_;  ///< columns so far
+  double dense_limit_ = 0.0;  ///< bytes that it may take there
+  mutable Counter applied_;   ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
   Lazy<Matrix> schur_;
   Lazy<Spectrum> spectrum_;
