@@ -64,7 +64,8 @@ void DenseLU::factorise_panel(Index first) {
   const int columns = std::min(static_cast<int>(panel_width), rows);
   const int stride = static_cast<int>(size_);
   int info = 0;  // a pivot of zero makes answers that are not finite
-  dgetrf_(&rows, &columns, &numbers_(first * size_ + first), &stride, &pivots_[static_cast<std::size_t>(first)], &info);
+  dgetrf_(&rows, &columns, &numbers_(first * size_ + first), &stride,
+          &pivots_[static_cast<std::size_t>(first)], &info);
 }
 
 void DenseLU::exchange(Index panel, Index column, Index columns) {

@@ -21,9 +21,7 @@ class DenseLU {
   [[nodiscard]] Index size() const { return size_; }
 
  private:
-  [[nodiscard]] Eigen::Map<const Matrix> factors() const {
-    return {numbers_.data(), size_, size_};
-  }
+  [[nodiscard]] Eigen::Map<const Matrix> factors() const { return {numbers_.data(), size_, size_}; }
   void factorise_panel(Index first);
   /// Exchange rows of some columns as the pivots of a panel say.
   void exchange(Index panel, Index column, Index columns);
