@@ -80,7 +80,7 @@ def _boxes(points: list[int], where: npt.NDArray[np.float64], most: int) -> list
     while left:
         box = left.pop()
         if len(box) <= most:
-            boxes.append(box.tolist())
+            boxes.append([int(point) for point in box])
             continue
         here = where[box]
         along = here[:, int(np.argmax(np.ptp(here, axis=0)))]
