@@ -32,7 +32,7 @@ LEAST_SHARES = 8
 FLUSH = 0.5
 """Seconds after which finished points are sent."""
 PAUSE = 1e-3
-"""Seconds between two looks for messages while there is nothing to do."""
+"""Seconds between two looks for messages."""
 BLOCK = 1 << 26
 """Bytes of an array that are sent at a time."""
 _TO_FIRST, _FROM_FIRST = 20042, 20043
@@ -75,16 +75,19 @@ def split(
 
 def _boxes(points: list[int], where: npt.NDArray[np.float64], most: int) -> list[list[int]]:
     """Points halved across the longest side of their box until there are no more than so many in each."""
-    if len(points) <= most:
-        return [points]
-    numbers = np.array(points)
-    here = where[numbers]
-    along = here[:, int(np.argmax(np.ptp(here, axis=0)))]
-    low = np.zeros(len(points), dtype=bool)
-    low[np.argsort(along, kind="stable")[: len(points) // 2]] = True
-    return [
-        box for side in (low, ~low) for box in _boxes([int(p) for p in numbers[side]], where, most)
-    ]
+    boxes: list[list[int]] = []
+    left = [np.array(points, dtype=np.int64)]
+    while left:
+        box = left.pop()
+        if len(box) <= most:
+            boxes.append([int(point) for point in box])
+            continue
+        here = where[box]
+        along = here[:, int(np.argmax(np.ptp(here, axis=0)))]
+        low = np.zeros(len(box), dtype=bool)
+        low[np.argsort(along, kind="stable")[: len(box) // 2]] = True
+        left += [box[~low], box[low]]
+    return boxes
 
 
 def _middle(points: list[int], where: npt.NDArray[np.float64]) -> int:
@@ -172,6 +175,8 @@ class Shares:
 
         What another rank has and this one lacks is made, NaN where nobody has a row.
         """
+        if self._comm.size == 1:
+            return
         told = {name: (each.shape, each.dtype.str) for name, each in arrays.items()}
         every = self._comm.allgather((own, told if len(own) else {}))
         for _, names in every:
@@ -201,7 +206,7 @@ class Shares:
         self._failure = None
         self._working = set(range(1, self._comm.size)) if self.first else set()
         self._outbox: list[tuple[int, Mapping[str, Any]]] = []
-        self._sent = perf_counter()
+        self._sent = self._looked = perf_counter()
         self._requests: list[Any] = []
 
     def next(self) -> list[int]:
@@ -257,13 +262,17 @@ class Shares:
         return int(self._comm.recv(source=0, tag=_FROM_FIRST))
 
     def poll(self) -> None:
-        """Look for messages; to be called often.
+        """Look for messages, if that was not done just now; to be called often.
 
         Raises
         ------
         StopIteration
             Another rank was interrupted or has failed.
         """
+        now = perf_counter()
+        if now - self._looked < PAUSE and not self._stopped:
+            return
+        self._looked = now
         if self.first:
             self._receive()
         elif self._leads and (answer := self._heard()) is not None:

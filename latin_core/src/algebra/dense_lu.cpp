@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cstddef>
-#include <utility>
 
 #include "latin/algebra/lapack.hpp"
 #include "latin/common/threads.hpp"
@@ -15,15 +14,23 @@ namespace {
 constexpr Index panel_width = 96;
 /// Operations that take as long as reading a number.
 constexpr double operations_per_number = 16.0;
+/// Unknowns of a solution that one thread finds, and of which every piece finds what those before do to some.
+constexpr Index solved_together = 256;
+constexpr Index of_one_piece = 32;
 
 }  // namespace
 
-Matrix DenseLU::release() { return std::exchange(factors_, Matrix()); }
+Eigen::Map<Matrix> DenseLU::matrix(Index size) {
+  size_ = size;
+  if (numbers_.size() < size * size) {
+    numbers_.resize(size * size);
+  }
+  return {numbers_.data(), size, size};
+}
 
-void DenseLU::factorise(Matrix matrix) {
+void DenseLU::factorise() {
   const SerialAlgebra serial;
-  factors_ = std::move(matrix);
-  const Index size = factors_.rows();
+  const Index size = size_;
   pivots_.assign(static_cast<std::size_t>(size), 0);
   if (size == 0) {
     return;
@@ -53,18 +60,18 @@ void DenseLU::factorise(Matrix matrix) {
 }
 
 void DenseLU::factorise_panel(Index first) {
-  const int rows = static_cast<int>(factors_.rows() - first);
+  const int rows = static_cast<int>(size_ - first);
   const int columns = std::min(static_cast<int>(panel_width), rows);
-  const int stride = static_cast<int>(factors_.rows());
+  const int stride = static_cast<int>(size_);
   int info = 0;  // a pivot of zero makes answers that are not finite
-  dgetrf_(&rows, &columns, &factors_(first, first), &stride,
+  dgetrf_(&rows, &columns, &numbers_(first * size_ + first), &stride,
           &pivots_[static_cast<std::size_t>(first)], &info);
 }
 
 void DenseLU::exchange(Index panel, Index column, Index columns) {
-  const Index last = std::min(panel + panel_width, factors_.rows());
+  const Index last = std::min(panel + panel_width, size_);
   for (Index at = column; at < column + columns; ++at) {
-    double* of_column = &factors_(0, at);
+    double* of_column = &numbers_(at * size_);
     for (Index row = panel; row < last; ++row) {
       std::swap(of_column[row], of_column[panel + pivots_[static_cast<std::size_t>(row)] - 1]);
     }
@@ -73,22 +80,48 @@ void DenseLU::exchange(Index panel, Index column, Index columns) {
 
 void DenseLU::update(Index panel, Index column, Index columns) {
   exchange(panel, column, columns);
-  const Index below = factors_.rows() - panel - panel_width;
-  auto top = factors_.block(panel, column, panel_width, columns);
-  factors_.block(panel, panel, panel_width, panel_width)
+  Eigen::Map<Matrix> factors(numbers_.data(), size_, size_);
+  const Index below = size_ - panel - panel_width;
+  auto top = factors.block(panel, column, panel_width, columns);
+  factors.block(panel, panel, panel_width, panel_width)
       .triangularView<Eigen::UnitLower>()
       .solveInPlace(top);
-  factors_.block(panel + panel_width, column, below, columns).noalias() -=
-      factors_.block(panel + panel_width, panel, below, panel_width) * top;
+  factors.block(panel + panel_width, column, below, columns).noalias() -=
+      factors.block(panel + panel_width, panel, below, panel_width) * top;
 }
 
 Vector DenseLU::solve_transposed(ConstVectorRef right) const {
+  const SerialAlgebra serial;
+  const auto numbers = factors();
   Vector answer = right;
-  if (size() == 0) {
-    return answer;
+  // U^T from the first unknowns on, then L^T from the last ones on: columns of U and L are read once
+  for (Index first = 0; first < size_; first += solved_together) {
+    const Index count = std::min(solved_together, size_ - first);
+    in_pieces(count, of_one_piece, first, [&](Index begin, Index columns) {
+      answer.segment(first + begin, columns).noalias() -=
+          numbers.block(0, first + begin, first, columns).transpose() * answer.head(first);
+    });
+    auto part = answer.segment(first, count);
+    numbers.block(first, first, count, count)
+        .triangularView<Eigen::Upper>()
+        .transpose()
+        .solveInPlace(part);
   }
-  factors_.triangularView<Eigen::Upper>().transpose().solveInPlace(answer);
-  factors_.triangularView<Eigen::UnitLower>().transpose().solveInPlace(answer);
+  for (Index first = (size_ - 1) / solved_together * solved_together; first >= 0;
+       first -= solved_together) {
+    const Index count = std::min(solved_together, size_ - first);
+    const Index end = first + count;
+    in_pieces(count, of_one_piece, size_ - end, [&](Index begin, Index columns) {
+      answer.segment(first + begin, columns).noalias() -=
+          numbers.block(end, first + begin, size_ - end, columns).transpose() *
+          answer.tail(size_ - end);
+    });
+    auto part = answer.segment(first, count);
+    numbers.block(first, first, count, count)
+        .triangularView<Eigen::UnitLower>()
+        .transpose()
+        .solveInPlace(part);
+  }
   for (Index row = size() - 1; row >= 0; --row) {
     const Index panel = row - row % panel_width;
     std::swap(answer(row), answer(panel + pivots_[static_cast<std::size_t>(row)] - 1));

@@ -57,8 +57,8 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
 
 /// Forces count by the work that they do on the bodies: the meshes do not determine all of them, and what moves
 /// nothing need not be known. Modes have no share in the flexibility: resultants count as forces do by themselves.
-double Newton::norm(const Vector& force) const {
-  const Vector given = own_.cwiseProduct(force) - tangent_system_.moved(force, Vector());
+double Newton::norm(const Vector& force, const Vector& moved) const {
+  const Vector given = own_.cwiseProduct(force) - moved;
   const double work = given.cwiseProduct(flexibility_.areas()).dot(force);
   const Vector resultants = modes_.transpose() * force.cwiseProduct(metric_.cwiseSqrt());
   return system_.follow_first(std::sqrt(std::max(work, 0.0) + resultants.squaredNorm()));
@@ -66,17 +66,20 @@ double Newton::norm(const Vector& force) const {
 
 double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
   double size = 0.0;
+  const auto grow = [&](const Vector& force) {
+    size = std::max(size, norm(force, tangent_system_.moved(force, Vector())));
+  };
   auto memory = system_.blank();
   for (Index index = 0; index < data.cols(); ++index) {
     if (index % system_.laws().steps() == 0) {
       memory = system_.blank();
     }
     const Matrix jump = system_.free_jumps(data.col(index), traces.col(index));
-    size = std::max(size, norm(system_.advance(index, memory, jump.col(0), system_.direct())));
+    grow(system_.advance(index, memory, jump.col(0), system_.direct()));
   }
   if (size == 0.0) {  // all open: the data, as forces
     for (Index index = 0; index < data.cols(); ++index) {
-      size = std::max(size, norm(flexibility_.force(data.col(index))));
+      grow(flexibility_.force(data.col(index)));
     }
   }
   return size;
@@ -106,7 +109,8 @@ Newton::Column Newton::begin(const State& state, Index index) {
 
 void Newton::evaluate(Column& column) {
   column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
-  column.norm = norm(column.phi);
+  column.moved = tangent_system_.moved(column.phi, Vector());
+  column.norm = norm(column.phi, column.moved);
 }
 
 NewtonOutcome Newton::solve(State& state, double tolerance) {
@@ -219,6 +223,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     if (tie) {
       now.phi = system_.forces(now.index, memory_, jump, own_) +
                 tangent_system_.times(tangent, shift) - now.before - now.y;
+      now.moved = tangent_system_.moved(now.phi, Vector());
     }
     Vector dy;
     Vector da;
@@ -264,10 +269,8 @@ void Newton::take(Column& column, const Vector& dy, const Vector& da, bool searc
 bool Newton::step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da) {
   // dy = Phi + z,  z = S (M (Phi + z) - G a),  theta a = loads + V^T W E (y + dy)
   const Index n = column.y.size();
-  const Vector none = Vector::Zero(column.a.size());
-  Vector right(n + none.size());
-  right << TangentSystem::softened *
-               tangent_system_.times(tangent, tangent_system_.moved(column.phi, none)),
+  Vector right(n + column.a.size());
+  right << TangentSystem::softened * tangent_system_.times(tangent, column.moved),
       column.loads +
           flexibility_.modal_jumps().transpose() *
               flexibility_.areas().cwiseProduct(column.y + column.phi) -
@@ -275,7 +278,7 @@ bool Newton::step(const Column& column, const Matrix& tangent, Vector& dy, Vecto
   Matrix answer = tangent_system_.solve(tangent, right);
   system_.follow_first(answer);
   dy = column.phi + answer.topRows(n);
-  da = answer.bottomRows(none.size());
+  da = answer.bottomRows(column.a.size());
   return answer.allFinite();
 }
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "latin/common/threads.hpp"
+
 namespace latin::iteration {
 namespace {
 
@@ -28,6 +30,8 @@ constexpr double better_residual = 0.3;
 constexpr double rounding_of_residuals = 1e-12;
 /// Directions for one column, in one call.
 constexpr Index most_stages = 150;
+/// Directions whose changes one thread finds.
+constexpr Index directions_of_piece = 8;
 
 }  // namespace
 
@@ -86,22 +90,28 @@ bool Subspace::step(Index column, const Memory& before, Point& point) {
   const auto data = data_.leftCols(size_);
   const auto traces = traces_.leftCols(size_);
   const Matrix tangent = system_.slopes(column, before, point.jump.col(0), system_.direct());
-  const Matrix jumps = system_.free_jumps(data, traces);
   const auto& layout = system_.layout();
-  Matrix forces(jumps.rows(), size_);
-  for (Index row = 0; row < jumps.rows(); ++row) {
-    const auto i = static_cast<std::size_t>(row);
-    const Index count = layout.components[i];
-    forces.row(row).noalias() =
-        tangent.row(row).head(count) * jumps.middleRows(layout.first[i], count);
-  }
-  Matrix change = system_.residual(forces, data, traces);
+  const Vector roots = weights_.cwiseSqrt();
+  Matrix change(data.rows(), size_);
+  in_pieces(size_, directions_of_piece, 4 * data.rows(), [&](Index first, Index directions) {
+    const auto own_data = data.middleCols(first, directions);
+    const auto own_traces = traces.middleCols(first, directions);
+    const Matrix jumps = system_.free_jumps(own_data, own_traces);
+    Matrix forces(jumps.rows(), directions);
+    for (Index row = 0; row < jumps.rows(); ++row) {
+      const auto i = static_cast<std::size_t>(row);
+      const Index count = layout.components[i];
+      forces.row(row).noalias() =
+          tangent.row(row).head(count) * jumps.middleRows(layout.first[i], count);
+    }
+    change.middleCols(first, directions) =
+        roots.asDiagonal() * system_.residual(forces, own_data, own_traces);
+  });
   ++steps_;
-  change = weights_.cwiseSqrt().asDiagonal() * change;
   Matrix normal = Matrix::Zero(size_, size_);
   normal.selfadjointView<Eigen::Lower>().rankUpdate(change.transpose());
   normal.diagonal().array() += ridge * normal.trace() / static_cast<double>(size_);
-  const Vector right = change.transpose() * weights_.cwiseSqrt().cwiseProduct(point.residual);
+  const Vector right = change.transpose() * roots.cwiseProduct(point.residual);
   Matrix shares = -normal.selfadjointView<Eigen::Lower>().ldlt().solve(right);
   system_.follow_first(shares);
   if (!shares.allFinite()) {

@@ -21,8 +21,8 @@ constexpr Index most_products = 60;
 /// Residual of a step from GMRES, and of its correction for the softening.
 constexpr double krylov_tolerance = 1e-6;
 constexpr double correction_tolerance = 1e-2;
-/// Rows, or columns, of the flexibility that are taken together.
-constexpr Index rows_of_piece = 128;
+/// Columns of the system that are filled together.
+constexpr Index columns_of_piece = 128;
 
 }  // namespace
 
@@ -31,12 +31,7 @@ TangentSystem::TangentSystem(const substructure::Flexibility& flexibility,
     : flexibility_(flexibility), layout_(layout), shift_(std::move(shift)) {}
 
 Vector TangentSystem::moved(ConstVectorRef y, ConstVectorRef a) const {
-  Vector result = shift_.cwiseProduct(y);
-  const Matrix& matrix = flexibility_.matrix();
-  in_pieces(result.size(), rows_of_piece, y.size(), [&](Index first, Index count) {
-    result.segment(first, count).noalias() -=
-        factor_with_mu * (matrix.middleRows(first, count) * y);
-  });
+  Vector result = shift_.cwiseProduct(y) - factor_with_mu * flexibility_.product(y);
   if (a.size() > 0) {
     result.noalias() -= modal * (flexibility_.modal_jumps() * a);
   }
@@ -146,9 +141,9 @@ void TangentSystem::factorise(const Matrix& tangent) {
   const Vector& areas = flexibility_.areas();
   const Matrix& jumps = flexibility_.modal_jumps();
   // transposed, so that rows of the (symmetric but for the areas) flexibility are read as columns
-  Matrix system = lu_.release();
-  system.setZero(closed + count, closed + count);
+  auto system = lu_.matrix(closed + count);
   const auto fill = [&](Index i) {
+    system.col(i).setZero();
     const Index row = rows_[static_cast<std::size_t>(i)];
     const Index first = layout_.first[static_cast<std::size_t>(row)];
     for (Index c = 0; c < layout_.components[static_cast<std::size_t>(row)]; ++c) {
@@ -171,13 +166,13 @@ void TangentSystem::factorise(const Matrix& tangent) {
     // V^T W E
     system.row(i).tail(count) = -areas(row) * jumps.row(row);
   };
-  in_pieces(closed, rows_of_piece, 2 * closed, [&](Index begin, Index length) {
+  in_pieces(closed, columns_of_piece, 2 * closed, [&](Index begin, Index length) {
     for (Index i = begin; i < begin + length; ++i) {
       fill(i);
     }
   });
   system.bottomRightCorner(count, count) = flexibility_.modal_stiffness().asDiagonal();
-  lu_.factorise(std::move(system));
+  lu_.factorise();
 }
 
 }  // namespace latin::iteration

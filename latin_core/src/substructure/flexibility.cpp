@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <functional>
 #include <mutex>
 
+#include "latin/algebra/triangle.hpp"
 #include "latin/common/error.hpp"
 #include "latin/common/threads.hpp"
 #include "latin/substructure/joined.hpp"
@@ -92,6 +94,8 @@ void Flexibility::add_bodies() {
       operations += std::pow(static_cast<double>(body.active()), 3);
     }
   }
+  std::ranges::stable_sort(parts_, std::greater<>(),
+                           [](const Part& part) { return part.body->active(); });
   const double numbers = operations / operations_per_number;
   in_lanes(parts_.size(), numbers,
            [&](std::size_t piece) { add_body(*parts_[piece].body, parts_[piece].first_row); });
@@ -231,19 +235,27 @@ void Flexibility::add_matrix(const Part& part, std::mutex& adding) {
   }
 }
 
+Vector Flexibility::product(ConstVectorRef y) const {
+  return algebra::product_with_triangle(matrix_, areas_, y);
+}
+
 Matrix Flexibility::solve(ConstMatrixRef v) const {
   // (1 + mu - k A)^-1 = (1 + k T K^-1 T^T W) / (1 + mu)
   Matrix result = v;
-  for (const Part& part : parts_) {  // none of them fails
+  double numbers = 0.0;
+  for (const Part& part : parts_) {
+    numbers += static_cast<double>(part.factor.size());
+  }
+  in_lanes(parts_.size(), numbers, [&](std::size_t piece) {  // none of them fails
+    const Part& part = parts_[piece];
     const SparseRows& trace = part.body->active_traces();
     auto of_body = result.middleRows(part.first_row, part.body->rows());
     Matrix unknowns = trace.transpose() * (part.body->weights().asDiagonal() * of_body);
     unknowns -= part.springs * (part.modes.transpose() * unknowns);
-    part.factor.triangularView<Eigen::Lower>().solveInPlace(unknowns);
-    part.factor.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);
+    algebra::solve_with_triangle(part.factor, unknowns);
     unknowns -= part.modes * (part.springs.transpose() * unknowns);
     of_body += part.body->directions().asDiagonal() * (trace * unknowns);
-  }
+  });
   if (!structure_.communicator().alone()) {
     result = joined_->of_rows(joined_->own_rows(result));
   }

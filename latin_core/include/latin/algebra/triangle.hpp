@@ -12,4 +12,12 @@ namespace latin::algebra {
 /// @param x     (n, c), columns without gaps
 void solve_with_triangle(ConstMatrixRef lower, MatrixRef x);
 
+/// A y of A = S W, symmetric but for weights of the columns, on several threads: their number changes no bit.
+///
+/// The time is that of reading A: what is below the diagonal is read once for both sides of it.
+/// @param matrix  (n, n) A, read below the diagonal and in square blocks along it
+/// @param weights (n) W, none of them zero
+[[nodiscard]] Vector product_with_triangle(ConstMatrixRef matrix, ConstVectorRef weights,
+                                           ConstVectorRef y);
+
 }  // namespace latin::algebra

@@ -54,6 +54,7 @@ class Newton {
     Vector a;       ///< amplitudes of the modes
     Vector jump;    ///< j0 (at the laws' flexibility) now
     Vector phi;     ///< R(j0) - f
+    Vector moved;   ///< change of the free jumps with phi
     double norm = 0.0;
   };
   NewtonOutcome solve_all(State& state, double tolerance);
@@ -72,7 +73,8 @@ class Newton {
   void commit(State& state, const Column& column);
   /// Traces of the data of one column.
   void apply(State& state, Index index);
-  [[nodiscard]] double norm(const Vector& force) const;
+  /// @param moved change of the free jumps with the force
+  [[nodiscard]] double norm(const Vector& force, const Vector& moved) const;
 
   const Matrix& amplitudes_;
   JoinedSystem system_;

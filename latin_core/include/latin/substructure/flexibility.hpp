@@ -37,6 +37,8 @@ class Flexibility {
   [[nodiscard]] Index unknowns() const { return matrix_.rows(); }
   /// E^T k^-1 N+ E
   [[nodiscard]] const Matrix& matrix() const { return matrix_; }
+  /// The matrix times y (unknowns), on several threads: their number changes no bit.
+  [[nodiscard]] Vector product(ConstVectorRef y) const;
   /// E^T k^-1 E
   [[nodiscard]] const Vector& direct() const { return direct_; }
   /// (unknowns) how much a unit force at a point changes its jump by the deformation of the bodies alone: the mean
@@ -81,7 +83,7 @@ class Flexibility {
 
   const Structure& structure_;
   std::shared_ptr<const Joined> joined_;
-  std::vector<Part> parts_;        ///< of this rank, with rows of all
+  std::vector<Part> parts_;        ///< of this rank, with rows of all, the largest first
   std::vector<Index> unknown_;     ///< (rows) the point and component that a row belongs to
   std::vector<Index> components_;  ///< (unknowns) of the point
   Vector sign_;                    ///< (rows) +1 on side 1, -1 on side 2
