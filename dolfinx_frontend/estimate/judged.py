@@ -94,9 +94,9 @@ BLIND = 3.0
 """Times the estimate before that a change is if estimates do not see what changes."""
 
 RECORD, SURE_OF_RECORD, LEAST_OF_RECORD = 2, 4.0, 0.02
-"""Coarser meshes, and steps that gave contacts more points, that say how much estimates say too much; times
-what they say, for half of a change may be left, and the next mesh be as good as the last one; and the least
-that is believed of it."""
+"""Meshes with twice the estimate, and steps that gave contacts more points, that say how much estimates say
+too much; times what they say, for half of a change may be left, and the next mesh be as good as the last one;
+and the least that is believed of it."""
 
 FEW_UNKNOWNS = {2: 400, 3: 3000}
 """Unknowns by dimension below which one mesh is not believed alone, nor its change to a second one: glue of
@@ -767,7 +767,8 @@ class Judged:
         if self.of_first_value:  # the changes of what is rounding say nothing
             return 1.0
         more = [any(b[name] > a[name] for name in a) for a, b in pairwise(self.points)]
-        if sum(more) < RECORD:
+        apart = [HALVED * each >= estimates[-1] for each in estimates[:-1]]  # else the distance is no error
+        if min(sum(more), sum(apart)) < RECORD:
             return 1.0
         worst = 0.0
         for step, estimate in zip(self.steps, estimates, strict=False):
