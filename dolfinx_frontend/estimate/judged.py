@@ -359,8 +359,8 @@ class Judged:
         return beside_what_acts(result, self.of_itself, OF_ITERATION * result.error, why)
 
     def _value_now(self, result: Result) -> None:
-        """Look again at a value that was rounding on the first meshes: now it may be more, and what errors are
-        relative to is the value itself, as it was asked."""
+        """Look again at a value that was rounding on the first meshes: now it may be more, and errors are
+        relative to the value itself, as it was asked."""
         assert self.quantity is not None
         value = result.mean_std(self.quantity).mean
         at = self.notes.index(self.of_first_value)
@@ -734,8 +734,8 @@ class Judged:
         their signs: where a contact slips or opens on one mesh and not on another, slopes at the answer know
         nothing of it. NaN: there is one mesh only, or no estimate with a sign.
 
-        It falls as at the edge of a contact zone, in steps that give the contact more points. Where the last two
-        fall, and one of them is of such a step, those before them are those of meshes that are too coarse.
+        It falls as at the edge of a contact zone, in steps that give the contact more points. Where the last
+        two fall, and one of them is of such a step, those before are of meshes that were too coarse.
         """
         if not self.steps or value is None or any(each is None for each in self.corrections):
             return np.nan
@@ -756,11 +756,11 @@ class Judged:
         return left
 
     def _over_said(self, value: float | None, estimates: Sequence[float]) -> float:
-        """What the last of the estimates is to be multiplied with, at most 1, where coarser meshes show that it says too
-        much: friction that is used up leaves parts almost free, whose dual solutions are large. NaN or
-        infinite estimates say nothing.
+        """What the last of the estimates is to be multiplied with, at most 1.
 
-        The error of an earlier mesh is its distance from the present one, but for what is left here.
+        Coarser meshes may show that they say too much: friction that is used up leaves parts almost free,
+        whose dual solutions are large. The error of a mesh with twice the estimate is taken for its distance
+        from the present one.
         """
         if value is None or not (self.weighted and self._beside_curved()) or len(self.steps) < RECORD:
             return 1.0
