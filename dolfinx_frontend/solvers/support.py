@@ -457,9 +457,16 @@ def _touching(interface: Interface, jump: Array) -> Flags:
 
 
 def _check_undetermined(
-    problem: Problem, always: Mapping[str, Resistance], reached: Mapping[str, _Reached], when: str
+    problem: Problem,
+    always: Mapping[str, Resistance],
+    reached: Mapping[str, _Reached],
+    when: str,
+    converged: bool,
 ) -> bool:
-    """Warn of parts that nothing holds in the answer, or only friction that cannot take more."""
+    """Warn of parts that nothing holds in the answer, or only friction that cannot take more.
+
+    Of a run that did not converge only of the second: what is open may close yet.
+    """
 
     def left_free(by_contacts: Mapping[str, Resistance]) -> tuple[str, str] | None:
         """Who moves, and how."""
@@ -468,6 +475,8 @@ def _check_undetermined(
         return _names(motions, np.eye(len(motions))) if len(motions) else None
 
     found = left_free({name: each.holds for name, each in reached.items()})
+    if found is not None and not converged:
+        return False
     if found is None:
         found = left_free({name: each.sticks for name, each in reached.items()})
         if found is None:
@@ -507,7 +516,8 @@ def check_support(result: Result) -> None:
     -----
     SceneWarning
         Friction does not balance the loads with the normal forces of a run that did not converge; or it
-        converged, and a part without loads touches nothing (of a static answer: presses on nothing).
+        converged, and a part without loads touches nothing (of a static answer: presses on nothing); or it
+        converged or stagnated, and a part slips wherever only friction holds it.
     """
     problem = result.problem
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
@@ -541,9 +551,9 @@ def check_support(result: Result) -> None:
             if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when):
                 return
             loaded = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
-            if not (result.converged and loaded):
+            if not (loaded and (result.converged or result.status == "stagnated")):
                 continue
-            if _check_undetermined(problem, each.resistances, reached, when):
+            if _check_undetermined(problem, each.resistances, reached, when, result.converged):
                 return
 
     _decide(problem, parts_are_held)
