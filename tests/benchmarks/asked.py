@@ -161,7 +161,7 @@ def main() -> None:
     common.write_json({"rows": rows, "medians": medians, "environment": common.environment()}, given.json)
     if given.markdown is not None:
         text = common.markdown_table(HEADER, [shown(row) for row in rows])
-        common.between_marks(given.markdown, "asked", f"\n{text}\n")
+        common.between_marks(given.markdown, "asked", text)
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ a global stage on the slowest rank (no communication is in it); ``setup_s`` (fac
 condensation, slowest rank); of each ``..._ratio`` of one rank to two, ``ratio`` being that of the
 iteration; ``max_difference`` of the displacements, relative to the largest one. ``ratio`` and
 ``max_difference`` at the top level are the least and the largest of the rows. ``cases`` has of this chain and
-of points over ranks (see ``_points.py``) and of the large vessel (``_vessel.py``, ``--vessel N`` unknowns; 0:
-it is left out) what was measured: ``ranks``, ``speedup`` (wall), ``difference``.
+of points over ranks (see ``_points.py``) and of parts over ranks (``_parts.py``, ``--vessel N`` unknowns,
+``--lap S`` mm; 0: it is left out) what was measured: ``ranks``, ``speedup`` (wall), ``difference``.
 
 One thread a rank. Other work on the machine slows two ranks more than one, because they wait for each
 other in every iteration: ``load`` of the machine before the first run stands in ``environment``. Processor
@@ -25,8 +25,8 @@ from pathlib import Path
 from time import thread_time
 from typing import Any
 
+import _parts
 import _points
-import _vessel
 import common
 import numpy as np
 from dolfinx import mesh as dmesh
@@ -171,11 +171,13 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=10, help="friction sets of the lap joint: to the power 3")
     parser.add_argument("--launches", type=int, default=3, help="launches of one and of two ranks in turn")
     parser.add_argument("--vessel", type=float, default=500_000, help="unknowns of the large one; 0: none")
-    parser.add_argument("--only", choices=("vessel",), help="this case alone")
+    parser.add_argument("--lap", type=float, default=4.0, help="size of cells of the lap joint, mm; 0: none")
+    parser.add_argument("--only", choices=("parts",), help="these cases alone")
     arguments = parser.parse_args()
     environment = common.environment() | {"threads": "1 a rank"}
-    vessels = [_vessel.measured(arguments.vessel)] if arguments.vessel else []
-    for each in vessels:
+    sizes = zip(_parts.SCENES, (arguments.vessel, arguments.lap), strict=True)
+    of_parts = [_parts.measured(case, size) for case, size in sizes if size]
+    for each in of_parts:
         print(
             f"{each['unknowns']} unknowns, {each['case']}: {each['seconds'][0]:.1f} s on one rank, "
             f"{each['seconds'][-1]:.1f} s on two, {each['speedup'][-1]:.2f} times faster (bodies alone at "
@@ -184,7 +186,7 @@ def main() -> None:
             flush=True,
         )
     if arguments.only:
-        common.write_json({"environment": environment, "cases": vessels}, arguments.json)
+        common.write_json({"environment": environment, "cases": of_parts}, arguments.json)
         return
     rows = []
     for random in (False, True):
@@ -206,7 +208,7 @@ def main() -> None:
         }
         for each in rows
     ]
-    cases += vessels
+    cases += of_parts
     cases += _points.cases(arguments.samples, arguments.sets, arguments.launches, arguments.repeats)
     record = {
         "environment": environment,

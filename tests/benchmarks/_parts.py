@@ -1,12 +1,13 @@
-"""The bolted vessel over ranks, for ``scaling.py``: its parts on one rank, and shared by two.
+"""Parts over ranks, for ``scaling.py``: on one rank, and shared by two.
 
-Cover and head go to the second one, so that joint and screw lie between them. Order-3 chaos of
-both by factors, from the matrices of the parts to the coefficients. Of each number of ``ranks``:
+Order-3 chaos of the bolted vessel by factors (cover and head go to the second rank, so that joint and screw
+lie between them), and the bolted lap joint with contact and friction, tightened and pulled (all interfaces
+active on one rank, too), from the matrices of the parts to the displacements. Of each number of ``ranks``:
 ``seconds`` of the slowest rank (wall, without meshes and matrices of the parts); ``bodies_s``, those of
 the bodies (order, factor, condensed block) on the rank that has most of them, and ``bodies_ratio``, all
 of them over those: what the speed-up of bodies can be at most; ``peak_gb``, the largest resident memory
-of a rank; ``error``, estimated; ``iterations``; and the ``difference`` of the coefficients between the
-numbers of ranks, relative to the largest one.
+of a rank; ``error``, estimated; ``iterations``; and the ``difference`` of the coefficients, or displacements,
+between the numbers of ranks, relative to the largest one.
 """
 
 from __future__ import annotations
@@ -23,26 +24,43 @@ import common
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_frontend import Chaos, Options, assemble, solve
+from dolfinx_frontend import Chaos, ChaosResult, Options, Scene, assemble, solve
+from parts.lap_joint import lap_joint
 
 RANKS = (1, 2)
-RTOL = 4e-5
+RTOL, RTOL_LAP = 4e-5, 1e-6
 CUBE = 1.02e7
 """Unknowns of the vessel times the cube of the size of its cells, mm^3."""
 
 
-def work(unknowns: float, folder: Path) -> None:
+def vessel(unknowns: float) -> tuple[Scene, dict[str, Any]]:
+    """The scene of about so many unknowns, and how it is solved."""
+    demo = common.demo("bolted_vessel")
+    parts, _ = demo.build_scene(common.size(f"{(CUBE / unknowns) ** (1.0 / 3.0):.4g}"))
+    options = Options(rtol=RTOL, backend="cholmod")
+    return demo.random_scene(parts), {"chaos": Chaos(order=3, check_points=0), "options": options}
+
+
+def lap(size: float) -> tuple[Scene, dict[str, Any]]:
+    """The same of the lap joint, with cells of a size (mm)."""
+    demo = common.demo("bolted_lap_joint")
+    scene = demo.build_scene(lap_joint(size), demo.SHEAR * (demo.PULL, 0.0, 0.0), degree=2)
+    return scene, {"times": (1.0, 2.0), "options": Options(rtol=RTOL_LAP), "active": "all"}
+
+
+SCENES = {"order-3 chaos of the vessel": vessel, "lap joint, contact and friction": lap}
+
+
+def work(case: str, size: float, folder: Path) -> None:
     """What every rank of a launch does."""
     world = MPI.COMM_WORLD
-    demo = common.demo("bolted_vessel")
-    vessel, _ = demo.build_scene(common.size(f"{(CUBE / unknowns) ** (1.0 / 3.0):.4g}"))
-    scene = demo.random_scene(vessel)
+    scene, settings = SCENES[case](size)
     problem = assemble(scene, comm=world)
-    chaos, options = Chaos(order=3, check_points=0), Options(rtol=RTOL, backend="cholmod")
     world.barrier()
     began = perf_counter()
-    result = solve(problem, chaos=chaos, options=options, progress=False)
-    fields = {name: result.coefficients(name) for name in problem.substructures}
+    result = solve(problem, **settings, progress=False)
+    read = result.coefficients if isinstance(result, ChaosResult) else result.unknowns
+    fields = {name: read(name) for name in problem.substructures}
     seconds = world.allgather(perf_counter() - began)
     peak = world.allgather(1e-6 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     bodies = world.allgather([cost["factorise_s"] + cost["condense_s"] for cost in result.solver.costs])
@@ -60,12 +78,12 @@ def work(unknowns: float, folder: Path) -> None:
         (folder / "times.json").write_text(json.dumps(record), encoding="utf-8")
 
 
-def measured(unknowns: float) -> dict[str, Any]:
+def measured(case: str, size: float) -> dict[str, Any]:
     """One rank, then two."""
     found, fields = [], []
     for ranks in RANKS:
         with tempfile.TemporaryDirectory() as folder:
-            common.launch(__file__, ranks, str(unknowns), folder)
+            common.launch(__file__, ranks, case, str(size), folder)
             found.append(json.loads((Path(folder) / "times.json").read_text(encoding="utf-8")))
             of_ranks = [np.load(Path(folder) / f"rank{rank}.npz") for rank in range(ranks)]
             fields.append({name: values for each in of_ranks for name, values in each.items()})
@@ -74,7 +92,7 @@ def measured(unknowns: float) -> dict[str, Any]:
     off = max(float(np.abs(u - two[name]).max()) for name, u in one.items())
     bodies = [[sum(of_rank) for of_rank in each["bodies"]] for each in found]
     return {
-        "case": "order-3 chaos of the vessel",
+        "case": case,
         "ranks": list(RANKS),
         "unknowns": found[0]["unknowns"],
         "converged": all(each["converged"] for each in found),
@@ -87,4 +105,4 @@ def measured(unknowns: float) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    work(float(sys.argv[2]), Path(sys.argv[3]))
+    work(sys.argv[2], float(sys.argv[3]), Path(sys.argv[4]))
