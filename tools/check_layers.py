@@ -29,6 +29,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "common": (
         "arrays",
         "frozen",
+        "kept",
         "groups",
         "vectors",
         "errors",

@@ -85,7 +85,7 @@ ZERO = 1e-9
 """A total force or mean jump below this, relative to the same without signs, is rounding."""
 
 CLOSED = 1e-12
-"""The same of jumps that a law prescribes, without signs, relative to the displacements of the parts."""
+"""The same of jumps that a law prescribes, without signs, relative to the displacements of the faces."""
 
 
 # --- quantities -------------------------------------------------------------------------------------
@@ -138,11 +138,11 @@ def beside_what_acts(
     # ranks that do not have the interface know nothing of it
     whole = over_ranks(result, _without_signs(result, quantity), max)
     what = f"{quantity.of} of {whole:.3g} that the interface has without signs"
-    moved = 0.0
-    if quantity.of == "jump" and result.problem.interfaces[quantity.interface].law.rigid:
-        moved = over_ranks(result, _displaced(result, quantity.interface), max)
-    if whole < CLOSED * moved:  # closed everywhere: nothing of it is left but rounding
-        whole, what = moved, f"displacement of {moved:.3g} that its parts have"
+    name = quantity.interface
+    if quantity.of == "jump" and name in result.plan.active and result.problem.interfaces[name].law.rigid:
+        moved = over_ranks(result, _displaced(result, name), max)
+        if whole < CLOSED * moved:  # closed everywhere: nothing of it is left but rounding
+            whole, what = moved, f"displacement of {moved:.3g} that its faces have"
     if not max(abs(value.mean), value.std or 0.0) < below * whole:
         if quantity.compared.deviation or not abs(value.mean) < ZERO * (value.std or 0.0):
             return quantity, ()
@@ -172,10 +172,13 @@ def _without_signs(result: Result, quantity: Resultant) -> float:
 
 
 def _displaced(result: Result, interface: str) -> float:
-    """The largest displacement of the parts of an interface, of all columns; 0: not here."""
-    sides = result.problem.interfaces[interface].sides
-    parts = {side.substructure for side in sides} & set(result.problem.substructures)
-    return max((float(np.abs(result.unknowns(part)).max()) for part in parts), default=0.0)
+    """The largest displacement of the faces of an interface, of all columns; 0: not here."""
+    solver, state = result.solver, result.state
+    if interface not in result.problem.own.interfaces or state is None:
+        return 0.0
+    size = len(solver.flexibility(interface))
+    sides = [row for row in solver.first_rows(interface) if row >= 0]
+    return max(float(np.abs(state.traces[row : row + size]).max(initial=0.0)) for row in sides)
 
 
 def change_of(one: MeanStd, other: MeanStd, rtol: float, quantity: Wanted | None = None) -> float:

@@ -734,8 +734,7 @@ class Judged:
         their signs: where a contact slips or opens on one mesh and not on another, slopes at the answer know
         nothing of it. NaN: there is one mesh only, or no estimate with a sign.
 
-        It falls as at the edge of a contact zone, in steps that give the contact more points. Where the last
-        two fall, and one of them is of such a step, those before are of meshes that were too coarse.
+        It falls as at the edge of a contact zone, in steps that give the contact more points.
         """
         if not self.steps or value is None or any(each is None for each in self.corrections):
             return np.nan
@@ -744,16 +743,16 @@ class Judged:
         # a change that is less than foretold, in the same direction, is in the estimate
         sizes = np.abs(changes)
         beside = np.clip(sizes - foretold * np.sign(changes), 0.0, MOST_BESIDE * sizes)
-        more = [any(b[name] > a[name] for name in a) for a, b in pairwise(self.points)]
-        known = 0
-        if len(sizes) > 2 and any(more[-2:]) and sizes[-1] <= RATE * sizes[-2]:
-            known = len(sizes) - 2
         left, since = 0.0, AT_EDGES
-        for k in range(len(beside) - 1, known - 1, -1):
-            left = max(left, share_of(float(beside[k]), self._size(value)) * since / (1.0 - AT_EDGES))
-            if more[k]:
+        for change, more in zip(beside[::-1], self._more_points()[::-1], strict=True):
+            left = max(left, share_of(float(change), self._size(value)) * since / (1.0 - AT_EDGES))
+            if more:
                 since *= AT_EDGES * FORGOTTEN
         return left
+
+    def _more_points(self) -> list[bool]:
+        """Of each step whether it gave some contact more points."""
+        return [any(b[name] > a[name] for name in a) for a, b in pairwise(self.points)]
 
     def _over_said(self, value: float | None, estimates: Sequence[float]) -> float:
         """What the last of the estimates is to be multiplied with, at most 1.
@@ -766,9 +765,8 @@ class Judged:
             return 1.0
         if self.of_first_value:  # the changes of what is rounding say nothing
             return 1.0
-        more = [any(b[name] > a[name] for name in a) for a, b in pairwise(self.points)]
         apart = [HALVED * each >= estimates[-1] for each in estimates[:-1]]  # else the distance is no error
-        if min(sum(more), sum(apart)) < RECORD:
+        if min(sum(self._more_points()), sum(apart)) < RECORD:
             return 1.0
         worst = 0.0
         for step, estimate in zip(self.steps, estimates, strict=False):

@@ -29,6 +29,7 @@ from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.kept import kept
 from dolfinx_frontend.scene.materials import LinearElastic
 
 __all__ = ["Doubts", "Recovery", "recovery"]
@@ -146,11 +147,7 @@ class Doubts(NamedTuple):
 
 def recovery(part: Substructure) -> Recovery:
     """The recovery of a part, made when first asked for."""
-    kept = vars(part)  # as cached_property does with what is frozen
-    if "_recovery" not in kept:
-        kept["_recovery"] = Recovery(part)
-    found: Recovery = kept["_recovery"]
-    return found
+    return kept(part, "_recovery", lambda: Recovery(part))
 
 
 class Recovery:

@@ -32,6 +32,7 @@ from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.kept import kept
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.specs import PartLike
@@ -68,11 +69,7 @@ class _Round(NamedTuple):
 
 def _round_facets(part: Substructure) -> _Round | None:
     """The facets whose normals turn to those beside, found when first asked for; None: there are none."""
-    kept = vars(part)  # as cached_property does with what is frozen
-    if "_round" not in kept:
-        kept["_round"] = _found_round(part)
-    found: _Round | None = kept["_round"]
-    return found
+    return kept(part, "_round", lambda: _found_round(part))
 
 
 def _found_round(part: Substructure) -> _Round | None:

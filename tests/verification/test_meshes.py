@@ -519,4 +519,4 @@ def test_the_opening_of_a_contact_that_is_closed_is_compared_with_what_moves():
     result = solve(scene, accuracy=0.1, quantity=Resultant("joint", "jump"), times=[1.0], progress=False)
     made = result.errors()
     assert made.reached and abs(result.mean_std(Resultant("joint", "jump")).mean) < 1e-15
-    assert re.search(r"is rounding beside the displacement of 4\.\d+e-05 that its parts have", str(made))
+    assert re.search(r"is rounding beside the displacement of 2\.\d+e-05 that its faces have", str(made))

@@ -865,9 +865,9 @@ LoadResponse Body::response_with(const std::vector<Matrix>& loads) const {
 }
 
 const Matrix* Body::compliance_by_solves(Index columns) const {
-  // numbers that are read: half of the product, or the sparse factor twice
+  // numbers that are read: half of the product, or the sparse factor twice. At most half of the factor's memory more.
   const double block = static_cast<double>(rows()) * static_cast<double>(rows());
-  if (8.0 * block > dense_limit_ || 0.5 * block > factor_->nonzeros() || measurable()) {
+  if (8.0 * block > dense_limit_ || 2.0 * block > factor_->nonzeros() || measurable()) {
     return nullptr;
   }
   if (const Matrix* made = compliance_.made()) {
@@ -885,7 +885,11 @@ const Matrix* Body::compliance_by_solves(Index columns) const {
       const Matrix unit = SparseRows(traces_.middleRows(from, count)).transpose();
       product.middleCols(from, count) = traces_ * factor_->solve(unit);
     }
-    return Matrix(0.5 * (product + product.transpose()));
+    for (Index column = 1; column < rows();
+         ++column) {  // symmetric but for rounding: by its lower triangle
+      product.col(column).head(column) = product.row(column).head(column).transpose();
+    }
+    return product;
   });
 }
 
