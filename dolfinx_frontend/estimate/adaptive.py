@@ -138,9 +138,8 @@ LOOSE_FIRST = 0.1
 MOST_INSTEAD = 1024
 """Points at most that are tried before a chaos whose modes random fields couple."""
 
-MOST_ENDLESS, FEW_BEYOND = 1024, 16
-"""Samples at most where there is no finite deviation, and how many of them must be beyond a score so that
-they say what is there."""
+MOST_ENDLESS = 1024
+"""Samples at most where there is no finite deviation."""
 
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""
@@ -645,9 +644,10 @@ class _Search:
             if found is not None:
                 return found
         most = MOST_ENDLESS if self._endless() else 0
-        samples, made, notes = by_samples(result, quantity, self.target, each, seen, self.keep, most)
+        found = by_samples(result, quantity, self.target, each, seen, self.keep, most, self.tails)
+        samples, made, notes = found
         self.notes += notes
-        return samples, beside_tails(made, self.tails, result.space, samples.germs, FEW_BEYOND)
+        return samples, made
 
     def _of_scores(self, quantity: Wanted, rtol: float) -> tuple[SampleResult, Errors] | None:
         """Rules in the normal scores of several germs, if there are no kinks."""

@@ -41,7 +41,7 @@ from dolfinx_frontend.estimate.points import (
     solved,
     wide_points,
 )
-from dolfinx_frontend.estimate.tails import FINE, Tail
+from dolfinx_frontend.estimate.tails import FINE, Tail, beside_tails
 from dolfinx_frontend.plan.price import Way, price, speed
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -95,6 +95,9 @@ variance that a point far out lacks of it to be taken for that."""
 
 FEW_BEYOND = 5e-3
 """Probability of the piece of a tail of a germ that hardly a sample is in."""
+
+TELLING = 16
+"""Samples that must be beyond a score so that they say what is there."""
 
 FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**18, 2**22
 """Points of a set and of all sets by which what stands for a quantity is integrated, numbers at a time."""
@@ -550,8 +553,12 @@ def by_samples(
     seen: Witnesses | None = None,
     keep: Keep = lambda samples, made: None,
     most: int = 0,
+    tails: Sequence[Tail] = (),
 ) -> tuple[SampleResult, Errors, tuple[str, ...]]:
     """Calibrated samples, as many as their sets ask for; `seen` judges what stands for the quantity.
+
+    Of the `tails` samples see little. Where a polynomial stands for the quantity it goes on in them, and is
+    judged as far out as the points are that judge it.
 
     `most`: samples at most, 0: as many as are usual.
     """
@@ -565,6 +572,7 @@ def by_samples(
     while True:
         drawn.grow(each)
         said, fit = drawn.plain(), None
+        stands = far_judged = False
 
         def sizes(value: MeanStd) -> tuple[float, float]:
             size = size_of(value, quantity)
@@ -584,7 +592,7 @@ def by_samples(
             about = drawn.about_to_lack(fit)
             ahead = min(share_of(about, size), share_of(about, whole))
             if ahead <= FAR * target or each * SETS >= MOST_SAMPLES:
-                said = drawn.less(fit, target)
+                said, stands = drawn.less(fit, target), True
                 keep(*drawn.so_far(said, sizes(said.value)[1]))
                 relative = relative_of(said)
             else:
@@ -594,7 +602,7 @@ def by_samples(
                 far = far_out(result, quantity, drawn.rtol, complete, drawn.steepest(), seen)
             off = drawn.far(far, fit, said.value)
             said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
-            relative = relative_of(said)
+            relative, far_judged = relative_of(said), stands
         size, whole = sizes(said.value)
         total = each * SETS
         if relative <= 0.6 * target:
@@ -634,4 +642,6 @@ def by_samples(
     made = of_solved_again(samples, away, said.truncation, quantity, said.value, whole)
     seconds = sum(samples.seconds.values())
     halving = f"{2 * total} samples, about {2 * seconds:.2g} s"
-    return samples, replace(made, next_halving=halving), notes
+    seen_by = (far.points, 1) if far is not None and far_judged else (samples.germs, TELLING)
+    made = beside_tails(replace(made, next_halving=halving), tails, result.space, *seen_by)
+    return samples, made, notes
