@@ -86,11 +86,12 @@ CHECKED = 4
 ALONE, OF_ALL = 48, 8
 """Others that are, each alone, at most, and one of so many."""
 
-AGAIN = 32
-"""Points that are solved again to a hundredth of the tolerance, in another order."""
+AGAIN, AGAIN_LINEAR = 32, 4
+"""Points that are solved again to a hundredth of the tolerance, in another order; of linear laws, which no
+state misleads, fewer."""
 
-PAIRS, FEWER_PAIRS, FEWER_TO = 32, 16, 3e-3
-"""Pairs of samples of what a truncated field leaves out, and fewer of them for accuracies down to this."""
+PAIRS = ((3e-2, 8), (3e-3, 16), (0.0, 32))
+"""Pairs of samples of what a truncated field leaves out, for accuracies down to this."""
 
 MOST_FIELD_MODES = 300
 
@@ -544,7 +545,7 @@ def checked_cold(
     rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
     away = []
     others = ranked[CHECKED:]
-    some = others[:: max(1, len(others) // AGAIN)]
+    some = others[:: max(1, len(others) // (AGAIN if result.collocations else AGAIN_LINEAR))]
     if result.collocations:
         groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
         alone = min(ALONE, len(others) // OF_ALL)
@@ -622,7 +623,7 @@ def lost_of_fields(
     if full is None:
         return None
     rng = np.random.default_rng(0)
-    own, pairs = result.space, PAIRS if target < FEWER_TO else FEWER_PAIRS
+    own, pairs = result.space, next(count for least, count in PAIRS if target >= least)
     points = own.from_uniform(rng.random((pairs, own.dimension)))
     names = list(full.space.germ_names)
     at = rng.standard_normal((pairs, full.space.dimension))

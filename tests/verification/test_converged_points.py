@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import dolfinx_frontend as lf
 from tests.verification.judged import Laws, Values, assert_right, connect, judged
+from tests.verification.test_promise import FORCE, LENGTH, layers
 
 STEEL = 2e5
 SETTINGS: Any = pytest.mark.parametrize("newton", [{}, {"newton": 0}], ids=["default", "plain"])
@@ -56,3 +58,20 @@ def test_samples_near_slip(which: str, rtol: float, newton: dict[str, int]) -> N
 
     random = {"variables": variables, "random": ["joint"]}
     assert_right(judged("samples", laws, blocks, run, rtol, **random))
+
+
+def test_samples_from_tangents_that_were_kept() -> None:
+    """Samples of linear laws start from the tangents of the mean, which a solver keeps: its later samples are
+    as right as its first ones, however far off the mean they are, and two threads do not share what is one's."""
+    law = lf.LogNormal("k", 40.0, cov=20.0)  # over ten decades
+    options = lf.Options(rtol=1e-8)
+    result = lf.solve(layers(law, 15.0), chaos=lf.Chaos(order=1), options=options, progress=False)
+
+    def off(seed: int) -> float:
+        samples = result.monte_carlo(60, seed=seed, progress=False)
+        jump = np.mean(samples.jump("l0")[..., 0], axis=-1)
+        exact = FORCE / law.value(samples.germs[:, 0])
+        return float(np.max(np.abs(jump - exact) / (exact + FORCE / 15.0 + 3.0 * FORCE * LENGTH / 200.0)))
+
+    with ThreadPoolExecutor(2) as pool:
+        assert max(*map(off, range(3)), *pool.map(off, range(3, 9))) <= 1e-7

@@ -202,6 +202,9 @@ class Laws:
         in_time: npt.ArrayLike | None = None,
     ) -> Laws: ...
 
+class KeptTangents:
+    def __init__(self) -> None: ...
+
 class Linearised:
     def correct(self, residual: npt.ArrayLike) -> tuple[Array, Array]: ...
 
@@ -271,6 +274,7 @@ class Structure:
         callback: Callable[[Iteration], object] | None = None,
         point_callback: Callable[[int, Laws, Summary, State], object] | None = None,
         next_points: Callable[[], Sequence[int]] | None = None,
+        tangents: KeptTangents | None = None,
     ) -> None: ...
     def global_stage(
         self, laws: Laws, data: npt.ArrayLike, amplitudes: npt.ArrayLike | None = None

@@ -167,7 +167,7 @@ class Sweep {
   Sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
         const std::vector<SweptParameter>& parameters, std::vector<State> known,
         std::vector<Index> known_points, const Callback& callback,
-        const PointCallback& point_callback)
+        const PointCallback& point_callback, KeptTangents* tangents)
       : laws_(laws),
         structure_(laws.structure()),
         options_(options),
@@ -224,6 +224,10 @@ class Sweep {
     if (direct_) {
       most_together_ = std::clamp(static_cast<Index>(together_bytes / (bytes + 1.0)),
                                   most_together_, many_together * most_together_);
+      const auto rows = static_cast<double>(structure_.rows());
+      if (tangents != nullptr && 3.0 * 8.0 * rows * rows <= KeptTangents::most_bytes) {
+        kept_ = tangents;
+      }
     }
   }
 
@@ -331,9 +335,15 @@ class Sweep {
     }
   }
 
-  /// Points of linear laws: one in the middle gives the tangents of all, some that are far from each other the
-  /// states that the others start from.
+  /// Points of linear laws: one in the middle gives the tangents of all, unless there are some that were kept, some
+  /// that are far from each other the states that the others start from.
   void solve_directly(const std::vector<Index>& order) {
+    if (kept_ != nullptr && !linear_->made()) {
+      own_ = kept_->take();
+      if (own_.owns_lock()) {
+        *linear_ = kept_->of(laws_, amplitudes_);
+      }
+    }
     std::vector<Index> left = order;
     const auto take = [&](auto which) {
       const Index point = *which;
@@ -353,6 +363,9 @@ class Sweep {
       solve_alone(take(std::ranges::min_element(left, {},
                                                 [&](Index point) { return away(point, middle); })),
                   true);
+    }
+    if (own_.owns_lock()) {
+      kept_->learn(*linear_, amplitudes_);
     }
     const bool begun = basis_.cols() > 0;  // by the points that all shares start from
     const Index far = begun ? 0 : std::min(most_far, static_cast<Index>(left.size()) / 2);
@@ -721,22 +734,49 @@ class Sweep {
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
   /// Of the point solved last, where estimates are checked.
   std::shared_ptr<Linearisation> linear_;
-  Index streak_ = 0;  ///< points in a row that needed one iteration
+  KeptTangents* kept_ = nullptr;
+  std::unique_lock<std::mutex> own_;  ///< while tangents that were kept are used
+  Index streak_ = 0;                  ///< points in a row that needed one iteration
 };
 
 }  // namespace
 
+Linearisation KeptTangents::of(const substructure::Laws& laws, const Matrix& amplitudes) {
+  if (!kept_) {
+    Linearisation made;
+    const Matrix nothing = Matrix::Zero(laws.structure().rows(), amplitudes.cols());
+    try {
+      made.take(laws, State{nothing, nothing});
+    } catch (const NumericalError&) {  // points may be stable where the laws themselves are not
+      made = Linearisation();
+    }
+    kept_ = std::move(made);
+  }
+  Linearisation found = *kept_;
+  if (amplitudes_.rows() != amplitudes.rows() || amplitudes_.cols() != amplitudes.cols() ||
+      amplitudes_ != amplitudes) {
+    found.forget_rounding();
+  }
+  return found;
+}
+
+void KeptTangents::learn(const Linearisation& used, const Matrix& amplitudes) {
+  if (kept_->learn_rounding(used)) {
+    amplitudes_ = amplitudes;
+  }
+}
+
 void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
-           const PointCallback& point_callback, const NextPoints& next) {
+           const PointCallback& point_callback, const NextPoints& next, KeptTangents* tangents) {
   const SerialAlgebra serial;  // as in solve()
   if (known.size() != known_points.size()) {
     throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
                      std::to_string(known_points.size()) + " points");
   }
   Sweep all(laws, options, amplitudes, parameters, std::move(known), std::move(known_points),
-            callback, point_callback);
+            callback, point_callback, tangents);
   all.check(order);
   all.run(order, next);
 }
