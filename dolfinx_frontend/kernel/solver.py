@@ -15,8 +15,8 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 import numpy.typing as npt
 from latin_core import (
+    Beginning,
     Iteration,
-    KeptTangents,
     Laws,
     Linearised,
     Options,
@@ -121,7 +121,7 @@ class Solver:
         self._first_body = sum(len(bodies) for bodies in every[: problem.rank])
         with agreement(problem.comm):
             self.laws = bridge.laws(self._core, problem, plan)
-        self._tangents = KeptTangents()
+        self._beginning = Beginning()
         self.weights = read_only(self._core.weights)
         self.directions = read_only(self._core.directions)
         self.costs = tuple(ReadOnlyDict(dict[str, Any](**cost)) for cost in self._core.costs)
@@ -259,7 +259,7 @@ class Solver:
                 shares=None if ranks is None else ranks.shares,
                 before=before,
                 check=check,
-                tangents=self._tangents,
+                beginning=self._beginning if laws is self.laws else None,
                 **more,
             )
         self._over_ranks(points)

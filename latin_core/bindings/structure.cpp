@@ -20,7 +20,7 @@ namespace py = pybind11;
 using namespace py::literals;
 using namespace latin_bindings;
 using namespace latin::substructure;
-using latin::iteration::KeptTangents;
+using latin::iteration::Beginning;
 using latin::iteration::State;
 using latin::iteration::Summary;
 
@@ -151,9 +151,9 @@ point_callback
 next_points
     Called after `order` for further points, until it returns none. Each time they start from what was known after
     `order`, whatever was solved since.
-tangents
-    :class:`KeptTangents` of this structure, from which points of linear laws are solved. None: the point in the
-    middle of the others gives them, which takes as long as a hundred more points.
+beginning
+    :class:`Beginning` of these laws, from which points of linear laws are solved. None: from the point in the middle
+    of them, which takes as long as a hundred others.
 )doc";
 
 constexpr const char* local_fields_doc =
@@ -563,7 +563,7 @@ py::tuple solve(const Structure& structure, const Laws& laws, const py::object& 
 void sweep(const Structure& structure, const Laws& laws, const py::object& options,
            py::handle amplitudes, py::handle parameters, py::handle order, py::handle known,
            py::handle known_points, const py::object& callback, const py::object& point_callback,
-           const py::object& next_points, KeptTangents* tangents) {
+           const py::object& next_points, Beginning* beginning) {
   check_laws(structure, laws);
   const latin::iteration::Options settings = to_options(options);
   const latin::Matrix factors = to_amplitudes(amplitudes, structure);
@@ -593,7 +593,7 @@ void sweep(const Structure& structure, const Laws& laws, const py::object& optio
   }
   const py::gil_scoped_release release;
   latin::iteration::sweep(laws, settings, factors, swept, points, std::move(states),
-                          std::move(positions), guard, finished, next, tangents);
+                          std::move(positions), guard, finished, next, beginning);
 }
 
 /// Pickling refused, with what to do instead.
@@ -677,8 +677,8 @@ void bind_calls(StructureClass& cls) {
       .def("sweep", &sweep, "laws"_a, py::kw_only(), "options"_a = py::none(),
            "amplitudes"_a = py::none(), "parameters"_a, "order"_a, "known"_a = py::tuple(),
            "known_points"_a = py::tuple(), "callback"_a = py::none(),
-           "point_callback"_a = py::none(), "next_points"_a = py::none(), "tangents"_a = py::none(),
-           sweep_doc)
+           "point_callback"_a = py::none(), "next_points"_a = py::none(),
+           "beginning"_a = py::none(), sweep_doc)
       .def("global_stage", &global_stage, "laws"_a, "data"_a, "amplitudes"_a = py::none(),
            "Traces w (rows, columns) that data s (rows, columns) and loads (loads, columns) leave.")
       .def("local_stage", &local_stage, "laws"_a, "data"_a, "traces"_a,
@@ -770,12 +770,12 @@ void bind_structure(py::module_& m) {
   cls.def("__repr__",
           [](const Linearised& l) { return "Linearised(" + std::to_string(l.rows()) + " rows)"; });
   cls.def("correct", &Linearised::correct, "residual"_a, correct_doc);
-  py::class_<KeptTangents, std::shared_ptr<KeptTangents>> kept(
-      m, "KeptTangents",
-      "Tangents of linear laws, kept from one sweep on a structure to the next: see "
+  py::class_<Beginning, std::shared_ptr<Beginning>> beginning(
+      m, "Beginning",
+      "Tangents and answer of linear laws, kept from one sweep of them to the next: see "
       "Structure.sweep().");
-  refuse_pickle(kept, "tangents are factorised matrices: they are made again");
-  kept.def(py::init<>());
+  refuse_pickle(beginning, "it holds factorised matrices: it is made again");
+  beginning.def(py::init<>());
   bind_laws_value(m);
   bind_one_structure(m);
 }

@@ -25,12 +25,12 @@ from petsc4py import PETSc
 
 from latin_core import _core
 from latin_core._core import (
+    Beginning,
     Body,
     Elimination,
     InputError,
     Interface,
     Iteration,
-    KeptTangents,
     Law,
     Laws,
     Linearised,
@@ -72,6 +72,7 @@ def get_include() -> str:
 
 
 __all__ = [
+    "Beginning",
     "Body",
     "Checkpoint",
     "CheckpointError",
@@ -80,7 +81,6 @@ __all__ = [
     "InputError",
     "Interface",
     "Iteration",
-    "KeptTangents",
     "Law",
     "Laws",
     "Linearised",

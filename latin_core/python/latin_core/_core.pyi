@@ -202,7 +202,7 @@ class Laws:
         in_time: npt.ArrayLike | None = None,
     ) -> Laws: ...
 
-class KeptTangents:
+class Beginning:
     def __init__(self) -> None: ...
 
 class Linearised:
@@ -274,7 +274,7 @@ class Structure:
         callback: Callable[[Iteration], object] | None = None,
         point_callback: Callable[[int, Laws, Summary, State], object] | None = None,
         next_points: Callable[[], Sequence[int]] | None = None,
-        tangents: KeptTangents | None = None,
+        beginning: Beginning | None = None,
     ) -> None: ...
     def global_stage(
         self, laws: Laws, data: npt.ArrayLike, amplitudes: npt.ArrayLike | None = None

@@ -296,7 +296,7 @@ def sweep(
     shares: Shares | None = None,
     before: SweepPoints | None = None,
     check: Callable[[Sequence[Solved]], Sequence[float]] | None = None,
-    tangents: _core.KeptTangents | None = None,
+    beginning: _core.Beginning | None = None,
 ) -> SweepPoints:
     """Solve for every point, each started from the states of its nearest solved neighbours.
 
@@ -339,8 +339,8 @@ def sweep(
     check
         Called with some points that were solved, before any of them is kept; returns what their errors are
         larger by, NaN for those that are not to be kept. Not with `shares`.
-    tangents
-        Kept from one sweep on the structure to the next, see :meth:`latin_core.Structure.sweep`.
+    beginning
+        Of `laws`, kept from one sweep to the next, see :meth:`latin_core.Structure.sweep`.
 
     Raises
     ------
@@ -429,7 +429,7 @@ def sweep(
             known=known,
             known_points=known_points,
             point_callback=finished,
-            tangents=tangents,
+            beginning=beginning,
             **more,
         )
 

@@ -167,7 +167,7 @@ class Sweep {
   Sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
         const std::vector<SweptParameter>& parameters, std::vector<State> known,
         std::vector<Index> known_points, const Callback& callback,
-        const PointCallback& point_callback, KeptTangents* tangents)
+        const PointCallback& point_callback, Beginning* beginning)
       : laws_(laws),
         structure_(laws.structure()),
         options_(options),
@@ -225,8 +225,8 @@ class Sweep {
       most_together_ = std::clamp(static_cast<Index>(together_bytes / (bytes + 1.0)),
                                   most_together_, many_together * most_together_);
       const auto rows = static_cast<double>(structure_.rows());
-      if (tangents != nullptr && 3.0 * 8.0 * rows * rows <= KeptTangents::most_bytes) {
-        kept_ = tangents;
+      if (beginning != nullptr && 3.0 * 8.0 * rows * rows <= Beginning::most_bytes) {
+        beginning_ = beginning;
       }
     }
   }
@@ -314,6 +314,9 @@ class Sweep {
   }
 
   void walk(const std::vector<Index>& order) {
+    if (direct_) {
+      begin(order);
+    }
     if (direct_ && static_cast<Index>(order.size()) > least_directly) {
       return solve_directly(order);
     }
@@ -335,15 +338,25 @@ class Sweep {
     }
   }
 
-  /// Points of linear laws: one in the middle gives the tangents of all, unless there are some that were kept, some
-  /// that are far from each other the states that the others start from.
-  void solve_directly(const std::vector<Index>& order) {
-    if (kept_ != nullptr && !linear_->made()) {
-      own_ = kept_->take();
-      if (own_.owns_lock()) {
-        *linear_ = kept_->of(laws_, amplitudes_);
-      }
+  /// Tangents and answer of the laws themselves, as if they were those of the first point.
+  void begin(const std::vector<Index>& order) {
+    if (beginning_ == nullptr || linear_->made() || !known_.empty() || order.empty()) {
+      return;
     }
+    Beginning
+        own;  // while another sweep has the one that is kept: answers must not depend on who was first
+    taken_ = beginning_->take();
+    const Beginning::Known& found = (taken_.owns_lock() ? *beginning_ : own).of(laws_, amplitudes_);
+    *linear_ = found.tangents;
+    if (found.state.data.size() > 0) {
+      known_.push_back(found.state);
+      known_points_.push_back(order.front());
+    }
+  }
+
+  /// Points of linear laws: one in the middle gives the tangents of all, unless there is a beginning, some that are
+  /// far from each other the states that the others start from.
+  void solve_directly(const std::vector<Index>& order) {
     std::vector<Index> left = order;
     const auto take = [&](auto which) {
       const Index point = *which;
@@ -363,9 +376,6 @@ class Sweep {
       solve_alone(take(std::ranges::min_element(left, {},
                                                 [&](Index point) { return away(point, middle); })),
                   true);
-    }
-    if (own_.owns_lock()) {
-      kept_->learn(*linear_, amplitudes_);
     }
     const bool begun = basis_.cols() > 0;  // by the points that all shares start from
     const Index far = begun ? 0 : std::min(most_far, static_cast<Index>(left.size()) / 2);
@@ -734,49 +744,51 @@ class Sweep {
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
   /// Of the point solved last, where estimates are checked.
   std::shared_ptr<Linearisation> linear_;
-  KeptTangents* kept_ = nullptr;
-  std::unique_lock<std::mutex> own_;  ///< while tangents that were kept are used
-  Index streak_ = 0;                  ///< points in a row that needed one iteration
+  Beginning* beginning_ = nullptr;
+  std::unique_lock<std::mutex> taken_;  ///< a factor solves for one at a time
+  Index streak_ = 0;                    ///< points in a row that needed one iteration
 };
 
 }  // namespace
 
-Linearisation KeptTangents::of(const substructure::Laws& laws, const Matrix& amplitudes) {
-  if (!kept_) {
-    Linearisation made;
-    const Matrix nothing = Matrix::Zero(laws.structure().rows(), amplitudes.cols());
-    try {
-      made.take(laws, State{nothing, nothing});
-    } catch (const NumericalError&) {  // points may be stable where the laws themselves are not
-      made = Linearisation();
+const Beginning::Known& Beginning::of(const substructure::Laws& laws, const Matrix& amplitudes) {
+  const bool same = known_ && amplitudes_.rows() == amplitudes.rows() &&
+                    amplitudes_.cols() == amplitudes.cols() && amplitudes_ == amplitudes;
+  if (!same) {
+    Known made;
+    const auto linear = std::make_shared<Linearisation>();
+    if (known_) {
+      *linear = known_->tangents;
+      linear->forget_rounding();
     }
-    kept_ = std::move(made);
-  }
-  Linearisation found = *kept_;
-  if (amplitudes_.rows() != amplitudes.rows() || amplitudes_.cols() != amplitudes.cols() ||
-      amplitudes_ != amplitudes) {
-    found.forget_rounding();
-  }
-  return found;
-}
-
-void KeptTangents::learn(const Linearisation& used, const Matrix& amplitudes) {
-  if (kept_->learn_rounding(used)) {
+    Options options;  // of no sweep, for it is the beginning of others, too
+    options.rtol = 1e-10;
+    try {
+      const Summary summary = solve(laws, options, amplitudes, made.state, {}, {}, linear);
+      made.tangents = *linear;
+      if (summary.status != Status::converged && summary.status != Status::inexact) {
+        made.state = State();
+      }
+    } catch (const NumericalError&) {  // points may be stable where the laws themselves are not
+      made = Known();
+    }
+    known_ = std::move(made);
     amplitudes_ = amplitudes;
   }
+  return *known_;
 }
 
 void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
-           const PointCallback& point_callback, const NextPoints& next, KeptTangents* tangents) {
+           const PointCallback& point_callback, const NextPoints& next, Beginning* beginning) {
   const SerialAlgebra serial;  // as in solve()
   if (known.size() != known_points.size()) {
     throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
                      std::to_string(known_points.size()) + " points");
   }
   Sweep all(laws, options, amplitudes, parameters, std::move(known), std::move(known_points),
-            callback, point_callback, tangents);
+            callback, point_callback, beginning);
   all.check(order);
   all.run(order, next);
 }

@@ -67,15 +67,6 @@ class Linearisation {
   /// What is known of it: empty if nothing is.
   [[nodiscard]] const Matrix& known_rounding() const { return rounding_; }
   void forget_rounding() { rounding_.resize(0, 0); }
-  /// Take what another one knows of it, if both have the same tangents.
-  /// @return whether they have
-  bool learn_rounding(const Linearisation& other) {
-    const bool same = tangents_ == other.tangents_;
-    if (same) {
-      rounding_ = other.rounding_;
-    }
-    return same;
-  }
   /// The condensed structure, null before tangents were first taken.
   [[nodiscard]] std::shared_ptr<const substructure::Joined> joined() const {
     return tangents_.empty() ? nullptr : tangents_.front()->shared_joined();

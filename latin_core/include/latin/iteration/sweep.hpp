@@ -31,27 +31,30 @@ using PointCallback =
 /// Further points, all of which start from what was known after the first ones; none: that was all.
 using NextPoints = std::function<std::vector<Index>()>;
 
-/// The tangents of linear laws where nothing is swept, kept from one sweep on a structure to the next: every sweep
-/// would make its own, which takes as long as a hundred points. One sweep has them at a time.
-class KeptTangents {
+/// Where sweeps of linear laws begin, kept from one on a structure to the next: tangents and answer of the laws
+/// themselves, which take as long as a hundred points. They are a function of laws and amplitudes, whoever asks first;
+/// one sweep has them at a time.
+class Beginning {
  public:
   /// They are not kept where they would take more memory than this, in bytes.
   static constexpr double most_bytes = 256e6;
 
-  /// As long as this is held they are the caller's, as is the rest of this; not held: another sweep has them.
+  struct Known {
+    Linearisation tangents;  ///< not made if the structure is not stable with them
+    State state;             ///< (0, 0) if there is no answer
+  };
+
+  /// As long as this is held the rest of this is the caller's; not held: it is another sweep's.
   [[nodiscard]] std::unique_lock<std::mutex> take() {
     return std::unique_lock(mutex_, std::try_to_lock);
   }
-  /// Those of laws, made by the first call; empty if the structure is not stable with them. What rounding does they
-  /// know of an earlier sweep with the same amplitudes.
-  Linearisation of(const substructure::Laws& laws, const Matrix& amplitudes);
-  /// Keep what a sweep has found out that rounding does.
-  void learn(const Linearisation& used, const Matrix& amplitudes);
+  /// Of laws that are the same in every call; made by the first one, and again for other amplitudes.
+  const Known& of(const substructure::Laws& laws, const Matrix& amplitudes);
 
  private:
   std::mutex mutex_;
-  std::optional<Linearisation> kept_;
-  Matrix amplitudes_;  ///< that its rounding is of
+  std::optional<Known> known_;
+  Matrix amplitudes_;
 };
 
 /// Multiresolution (paper, section 3): solve for many parameter sets, each started from the interface
@@ -66,7 +69,7 @@ class KeptTangents {
 /// @param next       after `order`, asked for further points until there are none. Each of its answers starts from the
 ///                   same states, tangents and tolerance, whatever was solved before: so answers do not depend on who
 ///                   solves which
-/// @param tangents   of `laws`, from which points of linear laws are solved; null: of the point in their middle
+/// @param beginning  of `laws`, from which points of linear laws are solved; null: from the point in their middle
 /// A callback that throws Interrupted ends the sweep: points that are finished by then have been handed out.
 ///
 /// @throws InputError on shapes and positions that do not fit, naming the interface
@@ -75,7 +78,7 @@ void sweep(const substructure::Laws& laws, const Options& options, const Matrix&
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
            const PointCallback& point_callback, const NextPoints& next = {},
-           KeptTangents* tangents = nullptr);
+           Beginning* beginning = nullptr);
 
 /// Order in which a grid is walked: neighbours in the order differ in one parameter by one step
 /// (boustrophedon), the last axis fastest.
