@@ -16,7 +16,7 @@ between the points of an interface, and the algebraic error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field
 from time import perf_counter
 from typing import NamedTuple
@@ -96,8 +96,9 @@ class DiscretisationError:
     seconds
         Wall time: ``recovery`` and ``dual`` (the solve for the quantity).
     cells
-        Part of which this rank has all cells -> (cells,), what each contributes without its sign: the square
-        roots of a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide.
+        Part of this rank -> (cells,), what each contributes without its sign: the square roots of
+        a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide. Of a mesh that is
+        spread over the ranks all cells, those of the first rank first.
     norm
         sqrt(a(u_h)), the energy norm of the result.
     round
@@ -244,7 +245,9 @@ def discretisation_error(
     for name, piece in pieces.items():
         whole_duals[name] = whole_fields[name] if dual is None else piece.whole.answer(z.get(name))
         both = [whole_fields[name]] if dual is None else [whole_fields[name], whole_duals[name]]
-        found[name], _ = _Errors.summed(*piece.by_cell(*both))
+        found[name], of_cells = _Errors.summed(*piece.by_cell(*both))
+        if name in problem.own.substructures:
+            cells[name] = of_cells
     found = problem.gather(found, parts=True)
     # of rigid motions rounding may leave an energy below 0
     whole = float(np.sqrt(max(sum(each.norm for each in found.values()), 0.0)))
@@ -343,36 +346,53 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
     if z is None or std == 0.0:
         return DeviationError(std, 0.0, 0.0, {})
     dual = z.solve()
-    found: dict[str, tuple[Array, float, Array]] = {}  # sums (modes, 5), a(e_z), by cell
+    found: dict[str, _OfModes] = {}
     problem = result.problem
+    chosen = [int(mode) for mode in order[:count]]
+    pieces = pieces_of(problem)
     with agreement(problem.comm):
         for name, part in problem.own.substructures.items():
-            block = chaos.coefficients(name)
-            own: Array | float = 0.0
-            sums = np.zeros((count, 5))
-            made, more = recovery(part), 1.0
-            for row, mode in zip(sums, order[:count], strict=True):
-                stop_if_pressed()
-                u = block[..., 1 + mode]
-                by_cell = made.energies([u if u.ndim == 1 else u[-1], dual[name]])
-                sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))
-                doubts = made.doubts
-                more = doubts.missed(sizes)
-                of_mode, weighted = by_cell[0, 0], by_cell[0, 1]
-                apart, astray = doubts.least * sizes.sum(), doubts.astray * sizes.sum()
-                row += more * of_mode.sum(), more * weighted.sum(), np.sum(weighted**2), apart, astray
-                own = own + by_cell[0, 0]
-            of_dual = by_cell[1, 1]
-            found[name] = sums, more * float(of_dual.sum()), np.sqrt(np.maximum(own * of_dual, 0.0))
+            if name in pieces:
+                continue
+            made, modes = recovery(part), chaos.spread(name)
+            fields_of = (m if m.ndim == 1 else m[-1] for m in (modes[k] for k in chosen))
+            found[name] = _of_modes((made.energies([u, dual[name]]), made.doubts) for u in fields_of)
+    for name, piece in pieces.items():
+        z_whole = piece.whole.answer(dual.get(name))
+        fields_on = (chaos.mode_on_all_ranks(name, mode) for mode in chosen)
+        # the norm is of no use here
+        found[name] = _of_modes(piece.by_cell(u, z_whole)[1:] for u in fields_on)
     found = problem.gather(found, parts=True)
-    cells = {name: by_part for name, (_, _, by_part) in found.items()}
-    sums = np.sum([of_part for of_part, _, _ in found.values()], axis=0)
-    whole_dual = sum(of_part for _, of_part, _ in found.values())
+    cells = {name: of_part.cells for name, of_part in found.items()}
+    sums = np.sum([of_part.sums for of_part in found.values()], axis=0)
+    whole_dual = sum(of_part.of_dual for of_part in found.values())
     signed = np.abs(sums[:, 1])
     astray = (1.0 - ASTRAY) * signed + sums[:, 4]
     each = np.max([signed, np.sqrt(sums[:, 2]), sums[:, 3], astray], axis=0)
     bound = float(np.sqrt(sums[:, 0].sum() * whole_dual))
     return DeviationError(std, left_out * float(np.linalg.norm(each)), left_out * bound, cells)
+
+
+class _OfModes(NamedTuple):
+    """Of a part: sums (modes, 5), a(e_z), and what each cell contributes."""
+
+    sums: Array
+    of_dual: float
+    cells: Array
+
+
+def _of_modes(every: Iterable[tuple[Array, Doubts]]) -> _OfModes:
+    """From what :meth:`Recovery.energies` says of each mode and of the dual solution."""
+    rows, own, of_dual, more = [], np.zeros(1), np.zeros(1), 1.0
+    for by_cell, doubts in every:
+        stop_if_pressed()
+        sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))
+        more = doubts.missed(sizes)
+        of_mode, weighted, of_dual = by_cell[0, 0], by_cell[0, 1], by_cell[1, 1]
+        apart, astray = doubts.least * sizes.sum(), doubts.astray * sizes.sum()
+        rows.append([more * of_mode.sum(), more * weighted.sum(), np.sum(weighted**2), apart, astray])
+        own = own + of_mode
+    return _OfModes(np.array(rows), more * float(of_dual.sum()), np.sqrt(np.maximum(own * of_dual, 0.0)))
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, swap
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.kept import kept
@@ -37,7 +37,7 @@ from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.specs import PartLike
 
-__all__ = ["of_crossing_chords", "of_shape", "of_shapes", "of_springs", "other_sides"]
+__all__ = ["of_chords", "of_crossing_chords", "of_shape", "of_shapes", "of_springs", "other_sides"]
 
 SHARP = np.pi / 4.0
 """Turns of normals above this are edges of the part."""
@@ -218,15 +218,11 @@ def of_shapes(
 
 
 def of_shape(
-    part: Substructure, u: Array, z: Array, points: Array, own: Flags | None = None
+    part: Substructure, u: Array, z: Array, points: Array, own: Ints | None = None
 ) -> tuple[float, float]:
     """What the layers between straight cells and round faces do to a quantity, with its sign, and how much
     longer than chords the arcs beside points are, relative; of some of the cells."""
-    found = _round_facets(part)
-    if found is not None and own is not None:
-        kept = own[found.cells]
-        some = found.cells[kept], found.areas[kept], found.thickness[kept], found.longer[kept]
-        found = _Round(*some) if kept.any() else None
+    found = _beside(part, own)
     if found is None:
         return 0.0, 0.0
     made = recovery(part)
@@ -234,6 +230,16 @@ def of_shape(
     layer = float(np.sum((found.thickness * found.areas) * density[found.cells]))
     # what acts on round faces acts on their chords
     return layer, _longer(part, found, points)
+
+
+def _beside(part: Substructure, own: Ints | None) -> _Round | None:
+    """Round facets beside some of the cells; None: there are none."""
+    found = _round_facets(part)
+    if found is None or own is None:
+        return found
+    kept = np.isin(found.cells, own)
+    some = found.cells[kept], found.areas[kept], found.thickness[kept], found.longer[kept]
+    return _Round(*some) if kept.any() else None
 
 
 def _longer(part: Substructure, found: _Round, points: Array) -> float:
@@ -262,14 +268,17 @@ def of_crossing_chords(problem: Problem) -> dict[str, float]:
             continue
         for side in interface.sides:
             part = problem.own.substructures.get(side.substructure)
-            if part is None or int(coordinate_map(part.part.mesh).degree) > 1:
-                continue
-            found = _round_facets(part)
-            if found is None:
-                continue
-            turned = CROSSING * _longer(part, found, interface.points)
-            out[part.name] = max(out.get(part.name, 0.0), turned)
-    return out
+            if part is not None and part.name not in problem.spread:  # of which Piece.of_chords tells
+                turned = of_chords(part, interface.points)
+                out[part.name] = max(out.get(part.name, 0.0), turned)
+    return {name: error for name, error in out.items() if error != 0.0}
+
+
+def of_chords(part: Substructure, points: Array, own: Ints | None = None) -> float:
+    """The same of a part beside points; of some of its cells."""
+    straight = int(coordinate_map(part.part.mesh).degree) == 1
+    found = _beside(part, own) if straight else None
+    return 0.0 if found is None else CROSSING * _longer(part, found, points)
 
 
 def extent(problem: Problem, interface: Interface, side: int = 0) -> float:
