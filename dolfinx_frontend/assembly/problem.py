@@ -332,6 +332,10 @@ class Problem(OneProcess):
             self._stretches[part] = stretch_of(self.substructures[part])
         return self._stretches[part]
 
+    def told(self, stretches: Mapping[str, Stretch]) -> None:
+        """Keep what another rank has made of its parts for :meth:`stretch`."""
+        self._stretches.update(stretches)
+
     def cells_of(self, part: str) -> tuple[Array, Array, int]:
         """Midpoints and volumes of the cells of a part with a random field, and their dimension."""
         cells = self.parts[part].cells

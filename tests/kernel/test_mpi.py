@@ -142,7 +142,7 @@ def test_stiffnesses_of_parts_vary_over_ranks() -> None:
 
 
 def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
-    what = "folder", "proof", "function", "sheet", "support"
+    what = "folder", "proof", "function", "sheet", "support", "reference"
     holds(2, tuple(f"same {each} on rank" for each in what), "mpi_gather.py", str(tmp_path))
 
 
