@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
@@ -20,7 +19,7 @@ from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import Doubts, recovery
-from dolfinx_frontend.estimate.unseen import of_chords, of_shape
+from dolfinx_frontend.estimate.unseen import CROSSING, Longer, of_chords, of_shape
 
 __all__ = ["Piece", "of_chords_on_ranks", "pieces_of"]
 
@@ -64,17 +63,19 @@ class Piece:
         """What its cells on round faces do to a quantity of that value, see :func:`of_shapes`; collective."""
         comm, (one, other) = self._values((u, z))
         with agreement(comm):
-            mine = (0.0, 0.0) if self.part is None else of_shape(self.part, one, other, self.points, self.own)
+            mine = 0.0, Longer()
+            if self.part is not None:
+                mine = of_shape(self.part, one, other, self.points, self.own)
         every = comm.allgather(mine)
-        layer, longer = sum(each[0] for each in every), max(each[1] for each in every)
-        return float(abs(layer) + longer * abs(value))
+        longer = Longer.together([each[1] for each in every])
+        return float(abs(sum(each[0] for each in every)) + longer.share * abs(value))
 
     def of_chords(self, points: Array) -> float:
         """What its chords beside points do, see :func:`of_crossing_chords`; collective."""
         comm = self.whole.space.mesh.comm
         with agreement(comm):
-            mine = 0.0 if self.part is None else of_chords(self.part, points, self.own)
-        return float(comm.allreduce(mine, op=MPI.MAX))
+            mine = Longer() if self.part is None else of_chords(self.part, points, self.own)
+        return CROSSING * Longer.together(comm.allgather(mine)).share
 
     def _values(self, functions: Any) -> tuple[Any, list[Array]]:
         around = self.whole.surroundings
