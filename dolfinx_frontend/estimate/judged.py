@@ -657,7 +657,7 @@ class Judged:
             return {}
         at = with_dual(result.problem, self.quantity)
         if self.weighted and isinstance(at, AtPoint):
-            return {at.part: np.array([at.place.cell])}
+            return {at.part: np.array([at.cell])}
         return dict.fromkeys(sorted(parts_read(result, self.quantity)), slice(None))
 
     def _beside_curved(self) -> set[str]:

@@ -28,7 +28,7 @@ from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
@@ -46,7 +46,7 @@ from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Measure, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Interest, Measure, Resultant, Wanted, interest, over_all_ranks
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
 
@@ -158,12 +158,14 @@ class DiscretisationError:
 
 
 def with_dual(problem: Problem, quantity: Wanted | None) -> Resultant | AtPoint | None:
-    """The quantity if it has a dual problem, at points in the meshes of a problem; None: it has none."""
+    """The quantity if it has a dual problem, at points in the meshes of a problem; None: it has none.
+    Collective."""
     if isinstance(quantity, Resultant):
         return quantity
     if not isinstance(quantity, Measure) or not isinstance(quantity.function, AtPoint):
         return None
-    return quantity.function.on(problem) if problem.comm is None else None
+    at = quantity.function.on(problem)
+    return None if at.part in problem.spread else at
 
 
 @together("discretisation_error")
@@ -182,7 +184,7 @@ def discretisation_error(
         mean of the parameters.
     quantity
         A total force or a mean jump of an interface; a name means its total normal force. Or an
-        :class:`AtPoint` on one rank, which has its own step.
+        :class:`AtPoint`, which has its own step; not inside a part whose mesh is spread over the ranks.
     step
         Of a load history. Laws with memory: the dual problem is that of a change from the beginning on.
 
@@ -209,8 +211,8 @@ def discretisation_error(
     number = with_dual(problem, wanted)
     if wanted is not None and number is None:
         raise SceneError(
-            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint on one rank, "
-            "or None for the energy"
+            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint in a part "
+            "that has its rank, or None for the energy"
         )
     problem.check_alike("discretisation_error", quantity=wanted, step=step)
     at = number if isinstance(number, AtPoint) else None
@@ -227,6 +229,7 @@ def discretisation_error(
     if number is not None:
         dual = _Dual.of(result, number, step, fields)
         value = _value(result, number, step, fields)
+    slopes = None if at is None else _slopes(result, at)
     z = {} if dual is None else dual.solve()
     solved = perf_counter()
     with agreement(problem.comm), np.errstate(over="ignore", invalid="ignore"):  # told below
@@ -237,9 +240,11 @@ def discretisation_error(
             if name not in pieces:
                 found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
         local = 0.0
-        if at is not None:
-            local = _within_cell(result, at, fields[at.part])
-            cells[at.part][at.place.cell] += local
+        if at is not None and slopes is not None and at.part in cells:
+            local = _within_cell(at, fields[at.part], *slopes)
+            cells[at.part][at.cell] += local
+    if at is not None and problem.comm is not None:
+        local = max(exchanged(problem.comm, local))
     shapes: dict[str, float] = {}
     whole_duals = {}
     for name, piece in pieces.items():
@@ -298,7 +303,13 @@ def discretisation_error(
     )
 
 
-def _within_cell(result: Result, at: AtPoint, u: Array) -> float:
+def _slopes(result: Result, at: AtPoint) -> tuple[Ints, Array]:
+    """See :meth:`AtPoint.slopes`; collective."""
+    found: tuple[Ints, Array] = over_all_ranks(at.slopes, result.problem)(result.shown())
+    return found
+
+
+def _within_cell(at: AtPoint, u: Array, unknowns: Ints, slopes: Array) -> float:
     """How far a stress at a point is from the one with the recovered gradient there, in its unit.
 
     Of displacements (n,) that fill the same cell with the recovered gradient: the number at the point is what
@@ -306,7 +317,6 @@ def _within_cell(result: Result, at: AtPoint, u: Array) -> float:
     """
     if at.of == "displacement":
         return 0.0
-    unknowns, slopes = at.slopes(result.shown())
     made, d = recovery(at.problem.substructures[at.part]), at.problem.dim
     field = made.gradient_field(u)
     nodes = np.asarray(field.function_space.dofmap.list)[at.place.cell]
@@ -495,7 +505,7 @@ def _value(
 ) -> float:
     """The quantity in the result, at a step; collective."""
     if isinstance(quantity, AtPoint):
-        return float(quantity(result.shown())[0])
+        return float(over_all_ranks(quantity, result.problem)(result.shown())[0])
     name = quantity.interface
     if quantity.of == "force" and _is_reaction(result, name):
 
@@ -596,14 +606,16 @@ class _Dual:
 
     @classmethod
     def _of_point(cls, result: Result, at: AtPoint, step: int, fields: Mapping[str, Array]) -> _Dual:
-        part = at.problem.substructures[at.part]
-        load = np.zeros(part.size)
-        unknowns, slopes = at.slopes(result.shown())
-        load[unknowns] = slopes
+        part = result.problem.parts[at.part]
+        unknowns, slopes = _slopes(result, at)
+        loads = {}
+        if at.part in result.problem.substructures:
+            loads[at.part] = np.zeros(part.size)
+            loads[at.part][unknowns] = slopes
         size = unit = _largest(result.problem, fields) or part.length
         # forces of 1, or slopes of a stress, modulus / length
         unit *= part.length ** (part.dim - 1) * (1.0 if at.of == "stress" else part.modulus / part.length)
-        return cls(result, {part.name: load}, {}, {}, unit, _column(result, step), size)
+        return cls(result, loads, {}, {}, unit, _column(result, step), size)
 
     @property
     def amount(self) -> float:

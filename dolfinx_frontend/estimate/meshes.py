@@ -284,9 +284,14 @@ class _Meshes(Judged):
         while True:
             try:
                 self._solve(problem, changed, method, options=options, **settings)
-            except BalanceError:
+            except SceneError as error:
+                lost = isinstance(error, BalanceError)
+                if problem.comm is not None:  # which the first rank finds
+                    lost = any(exchanged(problem.comm, lost))
+                if not lost:
+                    raise
                 tries += 1
-                if tries <= MOST_TRIES and problem.comm is None:
+                if tries <= MOST_TRIES:
                     problem = self._wider_support(problem)
                     continue
                 if self.result is None:
