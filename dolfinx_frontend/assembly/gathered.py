@@ -30,7 +30,7 @@ _LEFT = ("part", "space", "stiffness", "material", "sources", "factor")
 class _Own(NamedTuple):
     """What a rank sends: of parts their stiffness, the nodes on exterior facets, and the rest; of interfaces
     all but laws and traces; sides with their traces, and their column of the matching nodes; nodal forces of
-    loads; which of these are initial strains, and what they do to the cells of a random field; these cells."""
+    loads; which are initial strains, and what they do to the cells of a random field; these cells."""
 
     parts: dict[str, tuple[sp.csr_matrix, int, dict[str, Any]]]
     interfaces: dict[str, Interface]
@@ -77,9 +77,8 @@ def _own(problem: Problem) -> _Own:
     strains: dict[str, dict[str, Array | None]] = {}
     for name, each in problem.loads.items():
         on, part = stretches.get(each.load.part), problem.substructures.get(each.load.part)
-        strains[name] = {
-            p: None if on is None or part is None else on.initial(part, stress) for p, stress in each.stresses.items()
-        }
+        cells = None if on is None or part is None else (on, part)
+        strains[name] = {p: cells and cells[0].initial(cells[1], s) for p, s in each.stresses.items()}
     alone = {name: replace(stretch, _space=None) for name, stretch in stretches.items()}
     return _Own(parts, interfaces, sides, loads, strains, alone)
 

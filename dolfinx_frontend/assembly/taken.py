@@ -20,7 +20,16 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh
 from dolfinx_frontend.geometry.parts import Part
 
-__all__ = ["Cells", "Surroundings", "cells_along", "joined", "meshed", "numbers_in", "on_one_rank", "spread_over"]
+__all__ = [
+    "Cells",
+    "Surroundings",
+    "cells_along",
+    "joined",
+    "meshed",
+    "numbers_in",
+    "on_one_rank",
+    "spread_over",
+]
 
 
 class Cells(NamedTuple):
@@ -109,7 +118,7 @@ def meshed(part: Any, cells: Cells) -> Part:
 
 
 def _with_faces(mesh: Any, facets: Ints, names: Mapping[str, int]) -> Part:
-    """A mesh with the facets that were told of the cells that it was made of, those of other ranks left out."""
+    """A mesh with the facets that were told of the cells that it was made of, as far as it has them."""
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim, tdim - 1)
     mesh.topology.create_connectivity(tdim - 1, tdim)
@@ -130,7 +139,7 @@ def _with_faces(mesh: Any, facets: Ints, names: Mapping[str, int]) -> Part:
 def on_one_rank(part: Any, owner: int) -> tuple[Part, Ints] | None:
     """All of a part on one rank, None elsewhere; collective.
 
-    Returns the part there, and (cells,) the number of each of its cells among those of all ranks, the cells of
+    Returns the part there, and (cells,) the number of each of its cells among those of all ranks, those of
     the first one first.
     """
     mesh, comm = part.mesh, part.mesh.comm
@@ -161,9 +170,10 @@ def spread_over(comm: Any, owner: int, part: Part | None) -> Part:
             mesh = part.mesh
             facets = _tagged_facets(part, np.arange(len(part.facet_tags.indices)))
             nodes = np.asarray(cell_nodes(mesh)).shape[1]
-            told = str(mesh.topology.cell_name()), part.order, mesh.geometry.dim, nodes, facets, dict(part.names)
+            told = part.cell, part.order, mesh.geometry.dim, nodes, facets, dict(part.names)
     cell, order, d, nodes, facets, names = comm.bcast(told, root=owner)
-    cells, x = np.zeros((0, nodes), dtype=np.int64), np.zeros((0, d))
+    cells: Ints = np.zeros((0, nodes), dtype=np.int64)
+    x: Array = np.zeros((0, d))
     if part is not None:
         cells = np.asarray(cell_nodes(part.mesh), dtype=np.int64)
         x = np.asarray(part.mesh.geometry.x, dtype=np.float64)[:, :d]

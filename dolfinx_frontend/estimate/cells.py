@@ -39,7 +39,7 @@ def cells_of(problem: Problem) -> dict[str, Cells]:
             for name, part in problem.own.substructures.items()
             if name not in problem.spread
         }
-        pieces = {name: _cells(whole.part, _faces_on(problem, name)) for name, whole in problem.spread.items()}
+        pieces = {n: _cells(whole.part, _faces_on(problem, n)) for n, whole in problem.spread.items()}
     for name, piece in pieces.items():
         own[name] = _joined(problem.spread[name].part.mesh.comm.allgather(piece))
     return problem.gather(own, parts=True)

@@ -235,7 +235,8 @@ def finer(
                 asked[name] = models[name]
     for name, how in on_ranks.items():
         try:
-            made[name] = _meshed_on_ranks(scene.substructures[name], problem.spread[name].owner, wanted[name], how)
+            owner = problem.spread[name].owner
+            made[name] = _meshed_on_ranks(scene.substructures[name], owner, wanted[name], how)
         except SceneError as error:
             stuck[name] = str(error).splitlines()[0]
     again = set(problem.gather(asked, parts=True).values())

@@ -330,8 +330,8 @@ class _Meshes(Judged):
         """End the search on the meshes before those on which nothing balances the loads."""
         assert self.result is not None
         self.notes.append(
-            f"on the next meshes, of {sum(problem.unknowns.values())} unknowns, no forces of the interfaces balance the loads: "
-            "a part is about to lose its support; give finer cells beside its contacts"
+            f"on the next meshes, of {sum(problem.unknowns.values())} unknowns, no forces of the interfaces "
+            "balance the loads: a part is about to lose its support; give finer cells beside its contacts"
         )
         self.given_up = True
         self.problem = self.result.problem

@@ -37,7 +37,16 @@ from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.specs import PartLike
 
-__all__ = ["CROSSING", "Longer", "of_chords", "of_crossing_chords", "of_shape", "of_shapes", "of_springs", "other_sides"]
+__all__ = [
+    "CROSSING",
+    "Longer",
+    "of_chords",
+    "of_crossing_chords",
+    "of_shape",
+    "of_shapes",
+    "of_springs",
+    "other_sides",
+]
 
 SHARP = np.pi / 4.0
 """Turns of normals above this are edges of the part."""

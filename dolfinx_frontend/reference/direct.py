@@ -107,7 +107,11 @@ class Monolithic:
     ) -> ReferenceSolution:
         """Solve, with laws or single parameters replaced; see :meth:`assembly.Problem.laws`."""
         self.problem.check_alike("monolithic", laws=True, values=values, **{"the laws given": laws})
-        found = by_first(self.problem, self._whole, lambda whole: self._solved(whole, whole.laws(laws, values)))
+
+        def solved(whole: Problem) -> ReferenceSolution:
+            return self._solved(whole, whole.laws(laws, values))
+
+        found = by_first(self.problem, self._whole, solved)
         return replace(found, u={name: found.u[name] for name in self.problem.substructures})
 
     def _solved(self, whole: Problem, current: Mapping[str, Law]) -> ReferenceSolution:

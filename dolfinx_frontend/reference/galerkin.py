@@ -538,8 +538,8 @@ def ssfem(
     max_iterations: int = 1000,
     callback: Callable[[int, float], None] | None = None,
 ) -> SSFEMSolution:
-    """Solve the stochastic Galerkin equations of the assembled structure. Collective on several ranks, of which
-    the first one solves, and each gets the modes of its parts.
+    """Solve the stochastic Galerkin equations of the assembled structure. Collective on several ranks, of
+    which the first one solves, and each gets the modes of its parts.
 
     Parameters
     ----------
@@ -574,9 +574,11 @@ def ssfem(
         checked_callable("ssfem", "callback", callback, "give a function of iteration and residual", 2)
     given = {"chaos": chaos, "solver": solver, "rtol": rtol, "max_iterations": max_iterations}
     problem.check_alike("ssfem", laws=True, **given)
-    found = by_first(
-        problem, gathered(problem), lambda whole: _solved(whole, chaos, solver, rtol, max_iterations, callback)
-    )
+
+    def solved(whole: Problem) -> _Solved:
+        return _solved(whole, chaos, solver, rtol, max_iterations, callback)
+
+    found = by_first(problem, gathered(problem), solved)
     random = RandomLaws.of(problem)
     coefficients = {name: found.coefficients[name] for name in problem.substructures}
     return SSFEMSolution(
@@ -738,8 +740,8 @@ def smallest_eigenvalue(problem: Problem, chaos: Chaos, rtol: float = 1e-8) -> f
     A x = lambda (K_mean (x) I) x by Lanczos with the factor of the mean block, without shifts.  The
     operator is positive definite if and only if it is positive.  1 without randomness; for one
     normal stiffness 1 - cov * root * share, with the greatest root of He_p+1 and the greatest share
-    of the mean strain energy that a displacement can have in the springs. Collective on several ranks, of which
-    the first one computes it.
+    of the mean strain energy that a displacement can have in the springs. Collective on several ranks, of
+    which the first one computes it.
     """
     _check_request("smallest_eigenvalue", problem, chaos, rtol)
     problem.check_alike("smallest_eigenvalue", laws=True, chaos=chaos, rtol=rtol)

@@ -311,8 +311,8 @@ class Face(ABC):
             )
 
     def mode_on_all_ranks(self, part: str, mode: int) -> fem.Function:
-        """One of the modes of :meth:`spread`, at the last step, of a part whose mesh is spread over the ranks,
-        length; collective."""
+        """One of the modes of :meth:`spread`, at the last step, length, of a part whose mesh is spread over
+        the ranks; collective."""
         whole, unknowns = self.problem.spread[part], None
         numbers: dict[tuple[str, str], float] = {}
         self._check_fields(part, whole)

@@ -379,6 +379,7 @@ def refused() -> None:
 
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
-    calls = {"columns": (answers, random), "inside": (inside, loose, refused), "numbers": (estimates,), "meshes": (meshes,)}
+    calls: dict[str, Any] = {"columns": (answers, random), "inside": (inside, loose, refused)}
+    calls |= {"numbers": (estimates,), "meshes": (meshes,)}
     for each in calls[sys.argv[1]]:
         each()
