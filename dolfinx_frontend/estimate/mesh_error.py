@@ -364,8 +364,8 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
         for name, part in problem.own.substructures.items():
             if name in pieces:
                 continue
-            made, modes = recovery(part), chaos.spread(name)
-            fields_of = (m if m.ndim == 1 else m[-1] for m in (modes[k] for k in chosen))
+            made, block = recovery(part), chaos.coefficients(name)[..., 1:]
+            fields_of = (u if u.ndim == 1 else u[-1] for u in (block[..., k] for k in chosen))
             found[name] = _of_modes((made.energies([u, dual[name]]), made.doubts) for u in fields_of)
     for name, piece in pieces.items():
         z_whole = piece.whole.answer(dual.get(name))
@@ -608,7 +608,7 @@ class _Dual:
     def _of_point(cls, result: Result, at: AtPoint, step: int, fields: Mapping[str, Array]) -> _Dual:
         part = result.problem.parts[at.part]
         unknowns, slopes = _slopes(result, at)
-        loads = {}
+        loads: dict[str, Array] = {}
         if at.part in result.problem.substructures:
             loads[at.part] = np.zeros(part.size)
             loads[at.part][unknowns] = slopes

@@ -134,7 +134,7 @@ def reported(folder: Path) -> None:
     sheets = []
     for problem, name in ((lf.assemble(made, comm=WORLD), "sheet"), (lf.assemble(made), f"alone{RANK}")):
         result = lf.solve(problem, options=Options(rtol=1e-8))
-        sheets.append(lf.report(result, folder / name, pictures=False, units=("mm", "N")))
+        sheets.append(lf.report(result, folder / name, errors="goal", pictures=False, units=("mm", "N")))
     one, other = sheets
     assert one.ranking == other.ranking and len(one.ranking) == 2, (one.ranking, other.ranking)
     assert one.sentences == other.sentences and one.left_out == other.left_out, (one, other)
