@@ -76,9 +76,12 @@ def _own(problem: Problem) -> _Own:
     stretches = {name: problem.stretch(name) for name in problem.fields if name in problem.substructures}
     strains: dict[str, dict[str, Array | None]] = {}
     for name, each in problem.loads.items():
-        on, part = stretches.get(each.load.part), problem.substructures.get(each.load.part)
-        cells = None if on is None or part is None else (on, part)
-        strains[name] = {p: cells and cells[0].initial(cells[1], s) for p, s in each.stresses.items()}
+        where = each.load.part
+        on = stretches.get(where)
+        strains[name] = {
+            p: None if on is None else on.initial(problem.substructures[where], stress)
+            for p, stress in each.stresses.items()
+        }
     alone = {name: replace(stretch, _space=None) for name, stretch in stretches.items()}
     return _Own(parts, interfaces, sides, loads, strains, alone)
 

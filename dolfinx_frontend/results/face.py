@@ -321,7 +321,8 @@ class Face(ABC):
                 unknowns = stepped(self.spread(part)[mode], self.times)[-1]
                 for key in whole.loads:
                     numbers[key] = float(stepped(self.load_spread(*key)[mode], self.times)[-1])
-        return whole.answer(unknowns, numbers)
+        found: fem.Function = whole.answer(unknowns, numbers)
+        return found
 
     def mean(self, part: str, step: int = -1) -> fem.Function:
         """Mean displacement, as :meth:`displacement`."""
