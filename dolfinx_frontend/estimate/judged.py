@@ -326,8 +326,8 @@ class Judged:
         costs = result.solver.costs
         kept = (over_ranks(result, sum(bool(each["kept"]) for each in costs)), over_ranks(result, len(costs)))
         seconds = self._spent()
-        size = sum(problem.unknowns.values())
-        step = MeshStep(size, value, said, seconds, dict(changed), kept)
+        unknowns = sum(problem.unknowns.values())
+        step = MeshStep(unknowns, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
         # nor is the shape of a part whose cells turn by more than 45 degrees, nor all that means leave out
         enough = SURE * (OF_DEVIATION if self.random else 1.0)
@@ -336,7 +336,7 @@ class Judged:
             for each in problem.interfaces.values()
         )
         # of few cells stresses that are fitted hide as much as they show, and so may one change
-        self.few = size < FEW_UNKNOWNS[problem.dim]
+        self.few = unknowns < FEW_UNKNOWNS[problem.dim]
         alone = enough * sure <= self.target and not (
             self.edges or means or self.few or self._of_chords() or self.read
         )

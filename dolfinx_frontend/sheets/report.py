@@ -278,12 +278,15 @@ def _over_ranks(result: Answer, errors: Any, settings: dict[str, Any]) -> Report
         for each, file in zip(every, files, strict=True):
             if each is not None:
                 each.save(file)
-        first, second, of = None, None, []
+        first: Any = None
+        second: Any = None
+        of: Sequence[Bolt] = ()
         with agreement(comm):
             if problem.rank == 0:
                 laws = {name: interface.law for name, interface in problem.interfaces.items()}
                 first, second = (None if file is None else load(file).with_laws(laws) for file in files)
-                of = bolts_of(first, settings["bolts"], settings["joints"]) if errors == "goal" else []
+                if isinstance(errors, str) and errors == "goal":
+                    of = bolts_of(first, settings["bolts"], settings["joints"])
         known = errors_known(result, errors, comm.bcast(of, root=0))
         with agreement(comm):
             if problem.rank == 0:
