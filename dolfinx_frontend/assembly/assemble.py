@@ -186,7 +186,8 @@ def _assemble(
 
     _check_ties(scene, owner)
     spread = {
-        name: condensed(spec, comm, owner[name], _faces_of(scene, name), scene.densities is not None)
+        name: _known_on_ranks(before, spec)
+        or condensed(spec, comm, owner[name], _faces_of(scene, name), scene.densities is not None)
         for name, spec in scene.substructures.items()
         if spec.spread
     }
@@ -388,6 +389,17 @@ def _known(before: Problem | None, spec: SubstructureSpec) -> Substructure | Non
     if part is None or part.part is not spec.part:
         return None
     return part if int(part.space.element.basix_element.degree) == spec.degree else None
+
+
+def _known_on_ranks(before: Problem | None, spec: SubstructureSpec) -> SpreadPart | None:
+    """The same of a part whose mesh is spread over the ranks; all of them know it, or none."""
+    whole = None if before is None else before.spread.get(spec.name)
+    if before is None or whole is None or whole.part is not spec.part or whole.ratio != 1.0:
+        return None
+    if int(whole.space.element.basix_element.degree) != spec.degree:
+        return None
+    here = before.substructures.get(spec.name)
+    return SpreadPart(whole, None if here is None else replace(spec, source=here.part), here)
 
 
 def _same_held(one: Held | None, other: Held | None) -> bool:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,11 +14,14 @@ from dolfinx_frontend.assembly.interface import Interface, Side
 from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.stretch import Stretch
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.scene.laws import Perfect
 
-__all__ = ["gathered"]
+__all__ = ["by_first", "gathered"]
+
+T = TypeVar("T")
 
 _LEFT = ("part", "space", "stiffness", "material", "sources", "factor")
 """What of a part does not travel, or not as it is."""
@@ -27,12 +30,14 @@ _LEFT = ("part", "space", "stiffness", "material", "sources", "factor")
 class _Own(NamedTuple):
     """What a rank sends: of parts their stiffness, the nodes on exterior facets, and the rest; of interfaces
     all but laws and traces; sides with their traces, and their column of the matching nodes; nodal forces of
-    loads."""
+    loads; which are initial strains, and what they do to the cells of a random field; these cells."""
 
     parts: dict[str, tuple[sp.csr_matrix, int, dict[str, Any]]]
     interfaces: dict[str, Interface]
     sides: dict[tuple[str, int], tuple[Side, sp.csr_matrix, Any]]
     loads: dict[str, dict[str, dict[str, Array]]]
+    strains: dict[str, dict[str, Array | None]]
+    stretches: dict[str, Stretch]
 
 
 def gathered(problem: Problem) -> Problem | None:
@@ -68,7 +73,17 @@ def _own(problem: Problem) -> _Own:
                 nodes = None if interface.matching is None else interface.matching[:, number]
                 sides[name, number] = (replace(side, trace=None), csr(side.trace), nodes)
     loads = {name: {p: dict(of) for p, of in each.columns.items()} for name, each in problem.loads.items()}
-    return _Own(parts, interfaces, sides, loads)
+    stretches = {name: problem.stretch(name) for name in problem.fields if name in problem.substructures}
+    strains: dict[str, dict[str, Array | None]] = {}
+    for name, each in problem.loads.items():
+        where = each.load.part
+        on = stretches.get(where)
+        strains[name] = {
+            p: None if on is None else on.initial(problem.substructures[where], stress)
+            for p, stress in each.stresses.items()
+        }
+    alone = {name: replace(stretch, _space=None) for name, stretch in stretches.items()}
+    return _Own(parts, interfaces, sides, loads, strains, alone)
 
 
 def _joined(problem: Problem, every: list[_Own]) -> Problem:
@@ -101,7 +116,30 @@ def _joined(problem: Problem, every: list[_Own]) -> Problem:
         for name, by_parameter in own.loads.items():
             for parameter, by_part in by_parameter.items():
                 columns.setdefault(name, {}).setdefault(parameter, {}).update(by_part)
+    strains: dict[str, dict[str, Any]] = {name: {} for name in problem.loads}
+    for own in every:
+        for name, of_load in own.strains.items():
+            strains[name].update(of_load)
     loads: Mapping[str, PartLoad] = {
-        name: replace(each, columns=columns.get(name, {})) for name, each in problem.loads.items()
+        name: replace(each, columns=columns.get(name, {}), stresses=strains[name])
+        for name, each in problem.loads.items()
     }
-    return Problem(parts, interfaces, None, dict(loads))
+    found = Problem(parts, interfaces, None, dict(loads))
+    for own in every:
+        found.told(own.stretches)
+    return found
+
+
+def by_first(problem: Problem, whole: Problem | None, work: Callable[[Problem], T]) -> T:
+    """What the first rank makes of all of a problem, on all ranks; collective.
+
+    Parameters
+    ----------
+    whole
+        What :func:`gathered` returned.
+    """
+    found: list[T] = []
+    with agreement(problem.comm):
+        if whole is not None:
+            found.append(work(whole))
+    return found[0] if problem.comm is None else problem.comm.bcast(found, root=0)[0]

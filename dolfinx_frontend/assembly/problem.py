@@ -262,6 +262,13 @@ class Problem(OneProcess):
         """Number of unknowns of all substructures."""
         return sum(s.size for s in self.parts.values())
 
+    @cached_property
+    def unknowns(self) -> Mapping[str, int]:
+        """Part -> number of its unknowns; where its mesh is spread over the ranks also those that are
+        eliminated."""
+        found = {name: part.size for name, part in self.parts.items()}
+        return ReadOnlyDict(found | {name: whole.unknowns for name, whole in self.spread.items()})
+
     @property
     def load_amplitudes(self) -> tuple[Amplitude, ...]:
         """Amplitudes of all body forces and loads of parts."""
@@ -324,6 +331,10 @@ class Problem(OneProcess):
         if part not in self._stretches:
             self._stretches[part] = stretch_of(self.substructures[part])
         return self._stretches[part]
+
+    def told(self, stretches: Mapping[str, Stretch]) -> None:
+        """Keep what another rank has made of its parts for :meth:`stretch`."""
+        self._stretches.update(stretches)
 
     def cells_of(self, part: str) -> tuple[Array, Array, int]:
         """Midpoints and volumes of the cells of a part with a random field, and their dimension."""

@@ -108,6 +108,11 @@ class Condensed:
         """Unknowns that this rank knows."""
         return len(self.load)
 
+    @property
+    def unknowns(self) -> int:
+        """Of all ranks."""
+        return int(self.space.dofmap.index_map.size_global) * self.dim
+
     around = False
     """It is no section of a body of revolution."""
 
@@ -147,21 +152,23 @@ class Condensed:
         time
             At which body forces are taken that change in time.
         """
+        load = self.load + sum(a(0.0 if time is None else time) * f for a, f in self.varying.items())
+        return self._moved(unknowns, numbers, load)
+
+    def answer(self, unknowns: Array | None, numbers: Mapping[tuple[str, str], float] | None = None) -> Any:
+        """As :meth:`displacement`, without body forces."""
+        return self._moved(unknowns, numbers, np.zeros_like(self.load))
+
+    def _moved(
+        self, unknowns: Array | None, numbers: Mapping[tuple[str, str], float] | None, load: Array
+    ) -> Any:
         comm = self.space.mesh.comm
         values: Any = None
         with agreement(comm):
             if self.rows is not None:
                 values = np.asarray(unknowns, dtype=np.float64)[self.rows], dict(numbers or {})
         on_faces, factors = comm.bcast(values, root=self.owner)
-        load = self.load + sum(a(0.0 if time is None else time) * f for a, f in self.varying.items())
-        load = load + sum(factors.get(key, 0.0) * f for key, f in self.loads.items())
-        return self._field(on_faces, load)
-
-    def answer(self, unknowns: Array | None) -> Any:
-        """As :meth:`displacement`, with nothing that acts inside the part."""
-        comm = self.space.mesh.comm
-        own = None if self.rows is None or unknowns is None else np.asarray(unknowns)[self.rows]
-        return self._field(comm.bcast(own, root=self.owner), np.zeros_like(self.load))
+        return self._field(on_faces, load + sum(factors.get(key, 0.0) * f for key, f in self.loads.items()))
 
     def held(self, load: Array) -> Any:
         """The displacement by forces inside the part, as `load`, with the kept unknowns at 0; collective."""

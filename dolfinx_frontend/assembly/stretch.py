@@ -59,7 +59,10 @@ class Stretch:
         locked(self)
 
     def initial(self, part: Substructure, stress: Any) -> Array:
-        """g (m * components,) of an initial stress (UFL): its nodal forces are B^T g."""
+        """g (m * components,) of an initial stress (UFL): its nodal forces are B^T g. Of a part of another
+        rank the rank has made it, and it is given in place of the stress."""
+        if isinstance(stress, np.ndarray):
+            return stress
         strained = getattr(part.material, "strain", None)
         v = ufl.TestFunction(self._space)
         strain = ufl.sym(ufl.grad(v)) if strained is None else strained(v)

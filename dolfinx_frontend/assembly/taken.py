@@ -1,12 +1,13 @@
 """Cells of a mesh that is spread over the ranks, taken out of it: meshes of one rank.
 
-Those along faces, of all ranks, for the one that owns the part; and on every rank its own with the cells
-around them, so that fits over neighbouring cells are those of the whole mesh.
+Those along faces, of all ranks, for the one that owns the part; on every rank its own with the cells
+around them, so that fits over neighbouring cells are those of the whole mesh; and all of them on one rank,
+which can cut them and spread what it gets over the ranks again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import basix
@@ -15,11 +16,20 @@ import numpy as np
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.assembly.ranks import agreement
-from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh
 from dolfinx_frontend.geometry.parts import Part
 
-__all__ = ["Cells", "Surroundings", "cells_along", "joined", "meshed", "numbers_in"]
+__all__ = [
+    "Cells",
+    "Surroundings",
+    "cells_along",
+    "joined",
+    "meshed",
+    "numbers_in",
+    "on_one_rank",
+    "spread_over",
+]
 
 
 class Cells(NamedTuple):
@@ -39,24 +49,29 @@ class Cells(NamedTuple):
 
 def cells_along(part: Any, space: Any, faces: Sequence[str]) -> Cells:
     """The cells of this rank along some faces."""
-    mesh = part.mesh
+    wanted = [part.names[face] for face in faces]
+    facets = _tagged_facets(part, np.flatnonzero(np.isin(part.facet_tags.values, wanted)))
+    kept, facets[:, 0] = np.unique(facets[:, 0], return_inverse=True)
+    return _taken(part, space, kept, facets)
+
+
+def _tagged_facets(part: Any, at: Ints) -> Ints:
+    """Some facets with tags, by their places among these, beside cells of this rank: (cell, number in it,
+    tag)."""
+    mesh, tags = part.mesh, part.facet_tags
     topology, tdim = mesh.topology, mesh.topology.dim
     topology.create_connectivity(tdim - 1, tdim)
     topology.create_connectivity(tdim, tdim - 1)
-    tags = part.facet_tags
-    wanted = [part.names[face] for face in faces]
-    at = np.flatnonzero(np.isin(tags.values, wanted))
     facets, values = np.asarray(tags.indices)[at], np.asarray(tags.values)[at]
     to_cell = topology.connectivity(tdim - 1, tdim)
     cells = to_cell.array[to_cell.offsets[facets]] if len(facets) else np.zeros(0, dtype=np.int32)
     own = cells < topology.index_map(tdim).size_local  # a facet is told by the rank of its cell
     facets, values, cells = facets[own], values[own], cells[own]
-    kept, of_kept = np.unique(cells, return_inverse=True)
     to_facet = topology.connectivity(tdim, tdim - 1)
     count = len(to_facet.offsets) - 1  # 0 on a rank without cells
     by_cell = to_facet.array.reshape(count, -1) if count else np.zeros((0, 1), dtype=np.int32)
     number = np.argmax(by_cell[cells] == facets[:, None], axis=1)
-    return _taken(part, space, kept, np.column_stack([of_kept, number, values]))
+    return np.column_stack([cells, number, values]).astype(np.int64)
 
 
 def _taken(part: Any, space: Any, kept: Ints, facets: Ints) -> Cells:
@@ -99,16 +114,70 @@ def joined(pieces: Sequence[Cells]) -> Cells:
 def meshed(part: Any, cells: Cells) -> Part:
     """The cells as a mesh of this rank, with the names of the faces."""
     mesh = create_mesh(cells.cells, cells.x, str(part.mesh.topology.cell_name()), _order(part))
+    return _with_faces(mesh, cells.facets, part.names)
+
+
+def _with_faces(mesh: Any, facets: Ints, names: Mapping[str, int]) -> Part:
+    """A mesh with the facets that were told of the cells that it was made of, as far as it has them."""
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim, tdim - 1)
     mesh.topology.create_connectivity(tdim - 1, tdim)
     to_facet = mesh.topology.connectivity(tdim, tdim - 1)
-    new_cells = np.argsort(np.asarray(mesh.topology.original_cell_index))
-    by_cell = to_facet.array.reshape(-1, len(to_facet.links(0)))
-    facets = by_cell[new_cells[cells.facets[:, 0]], cells.facets[:, 1]]
-    order = np.argsort(facets)
-    values = cells.facets[order, 2].astype(np.int32)
-    return Part(mesh, dmesh.meshtags(mesh, tdim - 1, facets[order], values), dict(part.names))
+    count = int(mesh.topology.index_map(tdim).size_local)
+    original = np.asarray(mesh.topology.original_cell_index)[:count]
+    ascending = np.argsort(original)
+    at = np.searchsorted(original[ascending], facets[:, 0])
+    here = at < count
+    here[here] = original[ascending[at[here]]] == facets[here, 0]
+    cells, facets = ascending[at[here]], facets[here]
+    of_cell = to_facet.array[to_facet.offsets[cells] + facets[:, 1]]
+    order = np.argsort(of_cell)
+    values = facets[order, 2].astype(np.int32)
+    return Part(mesh, dmesh.meshtags(mesh, tdim - 1, of_cell[order], values), dict(names))
+
+
+def on_one_rank(part: Any, owner: int) -> tuple[Part, Ints] | None:
+    """All of a part on one rank, None elsewhere; collective.
+
+    Returns the part there, and (cells,) the number of each of its cells among those of all ranks, those of
+    the first one first.
+    """
+    mesh, comm = part.mesh, part.mesh.comm
+    with agreement(comm):
+        count = int(mesh.topology.index_map(mesh.topology.dim).size_local)
+        facets = _tagged_facets(part, np.arange(len(part.facet_tags.indices)))
+        own = _taken(part, fem.functionspace(mesh, ("Lagrange", 1)), np.arange(count), facets)
+    pieces = comm.gather(own, root=owner)
+    found: tuple[Part, Ints] | None = None
+    with agreement(comm):
+        if comm.rank == owner:
+            made = meshed(part, joined(pieces))
+            found = made, np.asarray(made.mesh.topology.original_cell_index, dtype=np.int64)
+    return found
+
+
+def spread_over(comm: Any, owner: int, part: Part | None) -> Part:
+    """A part that one rank has spread over all of them, in pieces of about as many cells; collective.
+
+    Parameters
+    ----------
+    part
+        On the owner; None elsewhere.
+    """
+    told: Any = None
+    with agreement(comm):
+        if part is not None:
+            mesh = part.mesh
+            facets = _tagged_facets(part, np.arange(len(part.facet_tags.indices)))
+            nodes = np.asarray(cell_nodes(mesh)).shape[1]
+            told = part.cell, part.order, mesh.geometry.dim, nodes, facets, dict(part.names)
+    cell, order, d, nodes, facets, names = comm.bcast(told, root=owner)
+    cells: Ints = np.zeros((0, nodes), dtype=np.int64)
+    x: Array = np.zeros((0, d))
+    if part is not None:
+        cells = np.asarray(cell_nodes(part.mesh), dtype=np.int64)
+        x = np.asarray(part.mesh.geometry.x, dtype=np.float64)[:, :d]
+    return _with_faces(create_mesh(cells, x, cell, order, comm), facets, names)
 
 
 def _order(part: Any) -> int:
@@ -141,7 +210,7 @@ class Surroundings:
     part, space
         The same of these cells; None where there are none.
     own
-        (cells,), which are of this rank.
+        (k,) the number of each cell of this rank, in its order, among the cells of `part`.
     """
 
     def __init__(self, part: Any, space: Any, layers: int) -> None:
@@ -166,7 +235,7 @@ class Surroundings:
             pieces += taken
         self.part: Part | None = None
         self.space: Any = None
-        self.own: Flags = np.zeros(0, dtype=bool)
+        self.own: Ints = np.zeros(0, dtype=np.int64)
         places: Ints = np.zeros(0, dtype=np.int64)
         with agreement(comm):
             if count:
@@ -175,7 +244,7 @@ class Surroundings:
                 made = self.part.mesh
                 degree = int(space.element.basix_element.degree)
                 self.space = fem.functionspace(made, ("Lagrange", degree, (int(space.dofmap.bs),)))
-                self.own = np.asarray(made.topology.original_cell_index) < count  # they came first
+                self.own = np.argsort(made.topology.original_cell_index)[:count]  # they came first
                 places = cells.places[numbers_in(self.space, cells)]
         starts = np.array(comm.allgather(int(space.dofmap.index_map.local_range[0])))
         # of ranks without nodes the last one has them

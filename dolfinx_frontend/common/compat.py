@@ -58,9 +58,13 @@ def gmsh_cell_permutation(cell: str, nodes: int) -> npt.NDArray[np.intp]:
 
 
 def create_mesh(
-    cells: npt.NDArray[np.int64], x: npt.NDArray[np.float64], cell: str, order: int
+    cells: npt.NDArray[np.int64],
+    x: npt.NDArray[np.float64],
+    cell: str,
+    order: int,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> dmesh.Mesh:
-    """A mesh on this process alone.
+    """A mesh on this process alone, or spread over those of a communicator, which all call it.
 
     Parameters
     ----------
@@ -72,6 +76,8 @@ def create_mesh(
         Cell name.
     order
         Order of the geometry (1 straight, 2 curved).
+    comm
+        Of several processes each may give some of the cells and nodes; the nodes of lower ranks come first.
     """
     element = basix.ufl.element(
         "Lagrange",
@@ -81,7 +87,7 @@ def create_mesh(
         shape=(x.shape[1],),
     )
     # keywords: the order of e and x changed between releases
-    return dmesh.create_mesh(comm=MPI.COMM_SELF, cells=cells, e=ufl.Mesh(element), x=x)
+    return dmesh.create_mesh(comm=comm, cells=cells, e=ufl.Mesh(element), x=x)
 
 
 def cell_nodes(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:

@@ -19,6 +19,7 @@ from ufl.domain import extract_domains
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.taken import on_one_rank, spread_over
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
@@ -158,7 +159,7 @@ def finer(
     total = sum(sums.values())
     left, alone = 0.0, []
     # those first whose finer meshes would cost most for what they bring
-    for name in sorted(sums, key=lambda n: sums[n] / problem.parts[n].size):
+    for name in sorted(sums, key=lambda n: sums[n] / problem.unknowns[n]):
         if name in read:
             continue
         if left + sums[name] > most_alone * total:
@@ -210,18 +211,21 @@ def finer(
     made: dict[str, tuple[SubstructureSpec, str]] = {}
     stuck: dict[str, str] = {}
     asked: dict[str, str] = {}
+    on_ranks: dict[str, str] = {}
     with agreement(problem.comm):
         for name, ratio in wanted.items():
             stop_if_pressed()
-            if name not in problem.own.substructures:
-                continue
             spec = scene.substructures[name]
+            if not (name in problem.own.substructures or spec.spread):
+                continue
             way, how = _way(spec, name in raised, name in at_edges)
             try:
                 if way is None:
                     stuck[name] = how
                 elif way == "degree":
                     made[name] = replace(spec, degree=spec.degree + 1), how
+                elif spec.spread:
+                    on_ranks[name] = how
                 elif name not in models:
                     made[name] = _meshed(spec, ratio, how)
             except SceneError as error:
@@ -229,6 +233,12 @@ def finer(
             # a higher degree does not change the shape
             if name in models and (way == "cells" or (name in unseen and name in made)):
                 asked[name] = models[name]
+    for name, how in on_ranks.items():
+        try:
+            owner = problem.spread[name].owner
+            made[name] = _meshed_on_ranks(scene.substructures[name], owner, wanted[name], how)
+        except SceneError as error:
+            stuck[name] = str(error).splitlines()[0]
     again = set(problem.gather(asked, parts=True).values())
     _meshed_together(scene, problem, {n: m for n, m in models.items() if m in again}, ratios, unseen, made)
     own = {name: _Done(why) for name, why in stuck.items()}
@@ -269,7 +279,7 @@ def _models(scene: Scene, problem: Problem) -> dict[str, str]:
     with agreement(problem.comm):
         for name, spec in scene.substructures.items():
             again = None if spec.lazy else getattr(spec.part, "again", None)
-            if isinstance(again, OfModel):
+            if isinstance(again, OfModel) and not spec.spread:
                 key = first.setdefault(again.model, name)
                 if name in problem.own.substructures and not _tied(spec):
                     own[name] = key
@@ -279,13 +289,13 @@ def _models(scene: Scene, problem: Problem) -> dict[str, str]:
 def _about(scene: Scene, problem: Problem, wanted: Mapping[str, Array], raised: Collection[str]) -> float:
     """Unknowns that there will be, as far as sizes tell."""
     total = 0.0
-    for name, part in problem.parts.items():
+    for name, size in problem.unknowns.items():
         degree, growth = scene.substructures[name].degree, 1.0
         if name in raised or (name in wanted and degree == 1):
             growth = ((degree + 1) / degree) ** problem.dim
         elif name in wanted:
             growth = float(np.mean(wanted[name] ** -problem.dim))
-        total += part.size * growth
+        total += size * growth
     return total
 
 
@@ -369,7 +379,7 @@ def _parts_of(
 
 def _count(spec: SubstructureSpec) -> int:
     topology = spec.part.mesh.topology
-    return int(topology.index_map(topology.dim).size_local)
+    return int(topology.index_map(topology.dim).size_global)
 
 
 def _ratios(dim: int, cells: Mapping[str, Array], wanted: float) -> dict[str, Array]:
@@ -473,6 +483,32 @@ def _meshed(spec: SubstructureSpec, ratio: Array, how: str) -> tuple[Substructur
         part = bisected(spec.part, ratio)
     else:
         part = halved(spec.part)
+    new = replace(spec, source=part)
+    return new, _told(how, new, spec)
+
+
+def _meshed_on_ranks(
+    spec: SubstructureSpec, owner: int, ratio: Array, how: str
+) -> tuple[SubstructureSpec, str]:
+    """The same of a mesh that is spread over the ranks: its owner cuts all cells, and they are spread again,
+    in pieces of about as many. Collective."""
+    comm, again = spec.part.mesh.comm, getattr(spec.part, "again", None)
+    whole = on_one_rank(spec.part, owner)
+    made: Any = None
+    with agreement(comm):
+        if whole is not None:
+            alone, number = replace(spec, source=whole[0]), ratio[whole[1]]
+            if again is None:
+                made = _meshed(alone, number, how)[0].part
+            else:
+                made = size_field(alone.part.mesh, cell_sizes(alone.part.mesh) * number)
+    if again is None:
+        part = spread_over(comm, owner, made)
+    else:
+        sizes = comm.bcast(made, root=owner)
+        with agreement(comm):
+            part = again(sizes)
+            _check_same(spec, part)
     new = replace(spec, source=part)
     return new, _told(how, new, spec)
 

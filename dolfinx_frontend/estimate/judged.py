@@ -47,6 +47,7 @@ from dolfinx_frontend.estimate.mesh_error import (
     discretisation_error,
     with_dual,
 )
+from dolfinx_frontend.estimate.pieces import of_chords_on_ranks
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.estimate.zones import (
     RESOLVED,
@@ -320,12 +321,13 @@ class Judged:
         energy = said if self.quantity is None else MARGIN * found.energy
         self.sure = sure
         self.share = ErrorShare(energy, absolute, None, how)
-        self.places = places_of(result.problem, self.cells)
+        self.places = places_of(result.problem, self.meshes, self.cells)
         self._answers(result, self.share)
         costs = result.solver.costs
         kept = (over_ranks(result, sum(bool(each["kept"]) for each in costs)), over_ranks(result, len(costs)))
         seconds = self._spent()
-        step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
+        unknowns = sum(problem.unknowns.values())
+        step = MeshStep(unknowns, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
         # nor is the shape of a part whose cells turn by more than 45 degrees, nor all that means leave out
         enough = SURE * (OF_DEVIATION if self.random else 1.0)
@@ -334,7 +336,7 @@ class Judged:
             for each in problem.interfaces.values()
         )
         # of few cells stresses that are fitted hide as much as they show, and so may one change
-        self.few = problem.size < FEW_UNKNOWNS[problem.dim]
+        self.few = unknowns < FEW_UNKNOWNS[problem.dim]
         alone = enough * sure <= self.target and not (
             self.edges or means or self.few or self._of_chords() or self.read
         )
@@ -635,6 +637,7 @@ class Judged:
             assert self.problem is not None
             with agreement(self.problem.comm):
                 crossing = of_crossing_chords(self.problem)
+            crossing |= of_chords_on_ranks(self.problem)
             # of the ranks on both sides of a cut each knows its own part
             for name, each in self.problem.gather(crossing, parts=True).items():
                 if not self.meshes[name].again:
@@ -654,7 +657,7 @@ class Judged:
             return {}
         at = with_dual(result.problem, self.quantity)
         if self.weighted and isinstance(at, AtPoint):
-            return {at.part: np.array([at.place.cell])}
+            return {at.part: np.array([at.cell])}
         return dict.fromkeys(sorted(parts_read(result, self.quantity)), slice(None))
 
     def _beside_curved(self) -> set[str]:

@@ -16,7 +16,7 @@ between the points of an interface, and the algebraic error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field
 from time import perf_counter
 from typing import NamedTuple
@@ -28,7 +28,7 @@ from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
@@ -46,7 +46,7 @@ from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Measure, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Interest, Measure, Resultant, Wanted, interest, over_all_ranks
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
 
@@ -96,8 +96,9 @@ class DiscretisationError:
     seconds
         Wall time: ``recovery`` and ``dual`` (the solve for the quantity).
     cells
-        Part of which this rank has all cells -> (cells,), what each contributes without its sign: the square
-        roots of a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide.
+        Part of this rank -> (cells,), what each contributes without its sign: the square roots of
+        a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide. Of a mesh that is
+        spread over the ranks all cells, those of the first rank first.
     norm
         sqrt(a(u_h)), the energy norm of the result.
     round
@@ -157,12 +158,14 @@ class DiscretisationError:
 
 
 def with_dual(problem: Problem, quantity: Wanted | None) -> Resultant | AtPoint | None:
-    """The quantity if it has a dual problem, at points in the meshes of a problem; None: it has none."""
+    """The quantity if it has a dual problem, at points in the meshes of a problem; None: it has none.
+    Collective."""
     if isinstance(quantity, Resultant):
         return quantity
     if not isinstance(quantity, Measure) or not isinstance(quantity.function, AtPoint):
         return None
-    return quantity.function.on(problem) if problem.comm is None else None
+    at = quantity.function.on(problem)
+    return None if at.part in problem.spread else at
 
 
 @together("discretisation_error")
@@ -181,7 +184,7 @@ def discretisation_error(
         mean of the parameters.
     quantity
         A total force or a mean jump of an interface; a name means its total normal force. Or an
-        :class:`AtPoint` on one rank, which has its own step.
+        :class:`AtPoint`, which has its own step; not inside a part whose mesh is spread over the ranks.
     step
         Of a load history. Laws with memory: the dual problem is that of a change from the beginning on.
 
@@ -208,8 +211,8 @@ def discretisation_error(
     number = with_dual(problem, wanted)
     if wanted is not None and number is None:
         raise SceneError(
-            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint on one rank, "
-            "or None for the energy"
+            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint in a part "
+            "that has its rank, or None for the energy"
         )
     problem.check_alike("discretisation_error", quantity=wanted, step=step)
     at = number if isinstance(number, AtPoint) else None
@@ -226,6 +229,7 @@ def discretisation_error(
     if number is not None:
         dual = _Dual.of(result, number, step, fields)
         value = _value(result, number, step, fields)
+    slopes = None if at is None else _slopes(result, at)
     z = {} if dual is None else dual.solve()
     solved = perf_counter()
     with agreement(problem.comm), np.errstate(over="ignore", invalid="ignore"):  # told below
@@ -236,15 +240,19 @@ def discretisation_error(
             if name not in pieces:
                 found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
         local = 0.0
-        if at is not None:
-            local = _within_cell(result, at, fields[at.part])
-            cells[at.part][at.place.cell] += local
+        if at is not None and slopes is not None and at.part in cells:
+            local = _within_cell(at, fields[at.part], *slopes)
+            cells[at.part][at.cell] += local
+    if at is not None and problem.comm is not None:
+        local = max(exchanged(problem.comm, local))
     shapes: dict[str, float] = {}
     whole_duals = {}
     for name, piece in pieces.items():
         whole_duals[name] = whole_fields[name] if dual is None else piece.whole.answer(z.get(name))
         both = [whole_fields[name]] if dual is None else [whole_fields[name], whole_duals[name]]
-        found[name], _ = _Errors.summed(*piece.by_cell(*both))
+        found[name], of_cells = _Errors.summed(*piece.by_cell(*both))
+        if name in problem.own.substructures:
+            cells[name] = of_cells
     found = problem.gather(found, parts=True)
     # of rigid motions rounding may leave an energy below 0
     whole = float(np.sqrt(max(sum(each.norm for each in found.values()), 0.0)))
@@ -295,7 +303,13 @@ def discretisation_error(
     )
 
 
-def _within_cell(result: Result, at: AtPoint, u: Array) -> float:
+def _slopes(result: Result, at: AtPoint) -> tuple[Ints, Array]:
+    """See :meth:`AtPoint.slopes`; collective."""
+    found: tuple[Ints, Array] = over_all_ranks(at.slopes, result.problem)(result.shown())
+    return found
+
+
+def _within_cell(at: AtPoint, u: Array, unknowns: Ints, slopes: Array) -> float:
     """How far a stress at a point is from the one with the recovered gradient there, in its unit.
 
     Of displacements (n,) that fill the same cell with the recovered gradient: the number at the point is what
@@ -303,7 +317,6 @@ def _within_cell(result: Result, at: AtPoint, u: Array) -> float:
     """
     if at.of == "displacement":
         return 0.0
-    unknowns, slopes = at.slopes(result.shown())
     made, d = recovery(at.problem.substructures[at.part]), at.problem.dim
     field = made.gradient_field(u)
     nodes = np.asarray(field.function_space.dofmap.list)[at.place.cell]
@@ -343,36 +356,53 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
     if z is None or std == 0.0:
         return DeviationError(std, 0.0, 0.0, {})
     dual = z.solve()
-    found: dict[str, tuple[Array, float, Array]] = {}  # sums (modes, 5), a(e_z), by cell
+    found: dict[str, _OfModes] = {}
     problem = result.problem
+    chosen = [int(mode) for mode in order[:count]]
+    pieces = pieces_of(problem)
     with agreement(problem.comm):
         for name, part in problem.own.substructures.items():
-            block = chaos.coefficients(name)
-            own: Array | float = 0.0
-            sums = np.zeros((count, 5))
-            made, more = recovery(part), 1.0
-            for row, mode in zip(sums, order[:count], strict=True):
-                stop_if_pressed()
-                u = block[..., 1 + mode]
-                by_cell = made.energies([u if u.ndim == 1 else u[-1], dual[name]])
-                sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))
-                doubts = made.doubts
-                more = doubts.missed(sizes)
-                of_mode, weighted = by_cell[0, 0], by_cell[0, 1]
-                apart, astray = doubts.least * sizes.sum(), doubts.astray * sizes.sum()
-                row += more * of_mode.sum(), more * weighted.sum(), np.sum(weighted**2), apart, astray
-                own = own + by_cell[0, 0]
-            of_dual = by_cell[1, 1]
-            found[name] = sums, more * float(of_dual.sum()), np.sqrt(np.maximum(own * of_dual, 0.0))
+            if name in pieces:
+                continue
+            made, block = recovery(part), chaos.coefficients(name)[..., 1:]
+            fields_of = (u if u.ndim == 1 else u[-1] for u in (block[..., k] for k in chosen))
+            found[name] = _of_modes((made.energies([u, dual[name]]), made.doubts) for u in fields_of)
+    for name, piece in pieces.items():
+        z_whole = piece.whole.answer(dual.get(name))
+        fields_on = (chaos.mode_on_all_ranks(name, mode) for mode in chosen)
+        # the norm is of no use here
+        found[name] = _of_modes(piece.by_cell(u, z_whole)[1:] for u in fields_on)
     found = problem.gather(found, parts=True)
-    cells = {name: by_part for name, (_, _, by_part) in found.items()}
-    sums = np.sum([of_part for of_part, _, _ in found.values()], axis=0)
-    whole_dual = sum(of_part for _, of_part, _ in found.values())
+    cells = {name: of_part.cells for name, of_part in found.items()}
+    sums = np.sum([of_part.sums for of_part in found.values()], axis=0)
+    whole_dual = sum(of_part.of_dual for of_part in found.values())
     signed = np.abs(sums[:, 1])
     astray = (1.0 - ASTRAY) * signed + sums[:, 4]
     each = np.max([signed, np.sqrt(sums[:, 2]), sums[:, 3], astray], axis=0)
     bound = float(np.sqrt(sums[:, 0].sum() * whole_dual))
     return DeviationError(std, left_out * float(np.linalg.norm(each)), left_out * bound, cells)
+
+
+class _OfModes(NamedTuple):
+    """Of a part: sums (modes, 5), a(e_z), and what each cell contributes."""
+
+    sums: Array
+    of_dual: float
+    cells: Array
+
+
+def _of_modes(every: Iterable[tuple[Array, Doubts]]) -> _OfModes:
+    """From what :meth:`Recovery.energies` says of each mode and of the dual solution."""
+    rows, own, of_dual, more = [], np.zeros(1), np.zeros(1), 1.0
+    for by_cell, doubts in every:
+        stop_if_pressed()
+        sizes = np.sqrt(np.maximum(by_cell[0, 0] * by_cell[1, 1], 0.0))
+        more = doubts.missed(sizes)
+        of_mode, weighted, of_dual = by_cell[0, 0], by_cell[0, 1], by_cell[1, 1]
+        apart, astray = doubts.least * sizes.sum(), doubts.astray * sizes.sum()
+        rows.append([more * of_mode.sum(), more * weighted.sum(), np.sum(weighted**2), apart, astray])
+        own = own + of_mode
+    return _OfModes(np.array(rows), more * float(of_dual.sum()), np.sqrt(np.maximum(own * of_dual, 0.0)))
 
 
 @dataclass(frozen=True)
@@ -475,7 +505,7 @@ def _value(
 ) -> float:
     """The quantity in the result, at a step; collective."""
     if isinstance(quantity, AtPoint):
-        return float(quantity(result.shown())[0])
+        return float(over_all_ranks(quantity, result.problem)(result.shown())[0])
     name = quantity.interface
     if quantity.of == "force" and _is_reaction(result, name):
 
@@ -576,14 +606,16 @@ class _Dual:
 
     @classmethod
     def _of_point(cls, result: Result, at: AtPoint, step: int, fields: Mapping[str, Array]) -> _Dual:
-        part = at.problem.substructures[at.part]
-        load = np.zeros(part.size)
-        unknowns, slopes = at.slopes(result.shown())
-        load[unknowns] = slopes
+        part = result.problem.parts[at.part]
+        unknowns, slopes = _slopes(result, at)
+        loads: dict[str, Array] = {}
+        if at.part in result.problem.substructures:
+            loads[at.part] = np.zeros(part.size)
+            loads[at.part][unknowns] = slopes
         size = unit = _largest(result.problem, fields) or part.length
         # forces of 1, or slopes of a stress, modulus / length
         unit *= part.length ** (part.dim - 1) * (1.0 if at.of == "stress" else part.modulus / part.length)
-        return cls(result, {part.name: load}, {}, {}, unit, _column(result, step), size)
+        return cls(result, loads, {}, {}, unit, _column(result, step), size)
 
     @property
     def amount(self) -> float:

@@ -208,9 +208,9 @@ class _Meshes(Judged):
     def _budgets_that_were_exceeded(self) -> None:
         """A word of what the first meshes take more than a budget: they are solved on in any case."""
         assert self.problem is not None
-        if self.steps and self.problem.size > self.max_unknowns and len(self.steps) == 1:
+        if len(self.steps) == 1 and self.steps[0].unknowns > self.max_unknowns:
             self.notes.append(
-                f"the first meshes have {self.problem.size} unknowns, more than the budget of "
+                f"the first meshes have {self.steps[0].unknowns} unknowns, more than the budget of "
                 f"{self.max_unknowns}; give coarser ones, or max_unknowns="
             )
         spent = self._spent()
@@ -284,9 +284,14 @@ class _Meshes(Judged):
         while True:
             try:
                 self._solve(problem, changed, method, options=options, **settings)
-            except BalanceError:
+            except SceneError as error:
+                lost = isinstance(error, BalanceError)
+                if problem.comm is not None:  # which the first rank finds
+                    lost = any(exchanged(problem.comm, lost))
+                if not lost:
+                    raise
                 tries += 1
-                if tries <= MOST_TRIES and problem.comm is None:
+                if tries <= MOST_TRIES:
                     problem = self._wider_support(problem)
                     continue
                 if self.result is None:
@@ -325,8 +330,8 @@ class _Meshes(Judged):
         """End the search on the meshes before those on which nothing balances the loads."""
         assert self.result is not None
         self.notes.append(
-            f"on the next meshes, of {problem.size} unknowns, no forces of the interfaces balance the loads: "
-            "a part is about to lose its support; give finer cells beside its contacts"
+            f"on the next meshes, of {sum(problem.unknowns.values())} unknowns, no forces of the interfaces "
+            "balance the loads: a part is about to lose its support; give finer cells beside its contacts"
         )
         self.given_up = True
         self.problem = self.result.problem
@@ -336,17 +341,10 @@ class _Meshes(Judged):
         """Make the parts of this rank, which keeps them."""
         spread = self.comm if self.comm is not None and self.comm.size > 1 else None
         ranks = None if spread is None else own_communicator(spread)
-        for name, spec in self.scene.substructures.items():
-            if spec.spread:
-                raise SceneError(
-                    f"substructure {name!r}: its mesh is spread over the ranks, and gets no finer cells: "
-                    "give a function that makes it on COMM_SELF, or solve(assemble(scene, comm=...), "
-                    "accuracy=...)"
-                )
         owner = placed(self.scene, spread)
         with agreement(ranks):
             for name, spec in self.scene.substructures.items():
-                here = ranks is None or owner[name] == ranks.rank
+                here = ranks is None or owner[name] == ranks.rank or spec.spread
                 spec = spec.made() if here else spec.made_elsewhere()
                 if ranks is not None:
                     spec = replace(spec, rank=owner[name])
@@ -402,8 +400,8 @@ class _Meshes(Judged):
         unseen = {n for n in self.scene.substructures if f"part {n!r}" in large}
         unseen |= set(self._of_chords() if len(self.steps) == 1 else [])
         means = [n for n in self.scene.interfaces if f"interface {n!r}" in large]
-        parts = problem.parts
-        first = 0
+        unknowns = problem.unknowns
+        now, first = sum(unknowns.values()), 0
         for milder in (1.0, 0.5, 0.25):  # what the budget leaves
             step = fall**milder
             most = self.max_unknowns
@@ -421,7 +419,7 @@ class _Meshes(Judged):
                 self.to_cut(),
                 self.weighted,
             )
-            size = int(sum(each.size * found.growth.get(name, 1.0) for name, each in parts.items()))
+            size = int(sum(each * found.growth.get(name, 1.0) for name, each in unknowns.items()))
             size = max(size, int(found.too_large))
             first = first or size
             if size <= most:
@@ -434,7 +432,7 @@ class _Meshes(Judged):
             self.notes.append("no part can get a finer mesh")
             return None
         # what is left of a budget may change little
-        if size > self.max_unknowns or (milder < 1.0 and size < WORTH_IT * problem.size):
+        if size > self.max_unknowns or (milder < 1.0 and size < WORTH_IT * now):
             self.notes.append(
                 f"the budget of {self.max_unknowns} unknowns ends it: the next meshes would have about "
                 f"{first}; give max_unknowns="
@@ -443,7 +441,7 @@ class _Meshes(Judged):
         if self.max_seconds is not None:
             spent = self._spent()
             last = spent - (self.steps[-2].seconds if len(self.steps) > 1 else 0.0)
-            wanted = spent + last * (size / problem.size) ** 1.5
+            wanted = spent + last * (size / now) ** 1.5
             if wanted > self.max_seconds:
                 self.notes.append(
                     f"the budget of {self.max_seconds:g} s ends it: {spent:.3g} s are spent, the next meshes "

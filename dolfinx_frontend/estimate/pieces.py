@@ -16,12 +16,12 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import Doubts, recovery
-from dolfinx_frontend.estimate.unseen import of_shape
+from dolfinx_frontend.estimate.unseen import CROSSING, Longer, of_chords, of_shape
 
-__all__ = ["Piece", "pieces_of"]
+__all__ = ["Piece", "of_chords_on_ranks", "pieces_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,19 +35,19 @@ class Piece:
     part
         Its own cells with those around them; None: it has none.
     own
-        (cells,) of `part`, which are its own.
+        (k,) the number of each of its own cells, in their order, among those of `part`.
     points
         (m, d) of the interfaces of the part.
     """
 
     whole: Condensed
     part: Substructure | None
-    own: Flags
+    own: Ints
     points: Array
 
     def by_cell(self, *functions: Any) -> tuple[float, Array, Doubts]:
         """Of functions on the whole mesh: energy of the first one, and what :meth:`Recovery.energies` says of
-        all cells of all ranks, with its `doubts`; collective."""
+        all cells, those of the first rank first, with its `doubts`; collective."""
         comm, values = self._values(functions)
         mine = None
         with agreement(comm), np.errstate(over="ignore", invalid="ignore"):
@@ -63,10 +63,19 @@ class Piece:
         """What its cells on round faces do to a quantity of that value, see :func:`of_shapes`; collective."""
         comm, (one, other) = self._values((u, z))
         with agreement(comm):
-            mine = (0.0, 0.0) if self.part is None else of_shape(self.part, one, other, self.points, self.own)
+            mine = 0.0, Longer()
+            if self.part is not None:
+                mine = of_shape(self.part, one, other, self.points, self.own)
         every = comm.allgather(mine)
-        layer, longer = sum(each[0] for each in every), max(each[1] for each in every)
-        return float(abs(layer) + longer * abs(value))
+        longer = Longer.together([each[1] for each in every])
+        return float(abs(sum(each[0] for each in every)) + longer.share * abs(value))
+
+    def of_chords(self, points: Array) -> float:
+        """What its chords beside points do, see :func:`of_crossing_chords`; collective."""
+        comm = self.whole.space.mesh.comm
+        with agreement(comm):
+            mine = Longer() if self.part is None else of_chords(self.part, points, self.own)
+        return CROSSING * Longer.together(comm.allgather(mine)).share
 
     def _values(self, functions: Any) -> tuple[Any, list[Array]]:
         around = self.whole.surroundings
@@ -84,13 +93,14 @@ def pieces_of(problem: Problem) -> Mapping[str, Piece]:
     found = {}
     for name, whole in problem.spread.items():
         kept = vars(whole)  # as cached_property does with what is frozen
-        if "_piece" not in kept:
+        around = whole.surroundings
+        if "_around" not in kept:
             if not _is_plain(whole.material):
                 raise SceneError(
                     f"the mesh of {name!r} is spread over the ranks, which recover no stress of a material "
                     "that is a form or has fields: make it on COMM_SELF"
                 )
-            around, summary = whole.surroundings, problem.parts[name]
+            summary = problem.parts[name]
             part: Substructure | None = None
             if around.part is not None:
                 count = around.space.dofmap.index_map.size_local * whole.dim
@@ -108,15 +118,26 @@ def pieces_of(problem: Problem) -> Mapping[str, Piece]:
                     dof_coordinates=around.space.tabulate_dof_coordinates()[:, : whole.dim],
                     material=whole.material,
                 )
-            faces = [
-                each.points
-                for each in problem.interfaces.values()
-                if any(side.substructure == name for side in each.sides)
-            ]
-            points = np.concatenate([np.zeros((0, whole.dim)), *faces])
-            kept["_piece"] = Piece(whole, part, around.own, points)
-        found[name] = kept["_piece"]
+            kept["_around"] = part
+        faces = [
+            each.points
+            for each in problem.interfaces.values()
+            if any(side.substructure == name for side in each.sides)
+        ]
+        points = np.concatenate([np.zeros((0, whole.dim)), *faces])
+        found[name] = Piece(whole, kept["_around"], around.own, points)
     return found
+
+
+def of_chords_on_ranks(problem: Problem) -> dict[str, float]:
+    """As :func:`of_crossing_chords`, of parts that are spread over the ranks; collective."""
+    out: dict[str, float] = {}
+    for name, piece in pieces_of(problem).items():
+        for interface in problem.interfaces.values():
+            named = any(side.substructure == name for side in interface.sides)
+            if named and len(interface.sides) == 2 and interface.matching is None:
+                out[name] = max(out.get(name, 0.0), piece.of_chords(interface.points))
+    return out
 
 
 def _is_plain(material: Any) -> bool:

@@ -29,7 +29,7 @@ from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, swap
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.kept import kept
@@ -37,7 +37,16 @@ from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.specs import PartLike
 
-__all__ = ["of_crossing_chords", "of_shape", "of_shapes", "of_springs", "other_sides"]
+__all__ = [
+    "CROSSING",
+    "Longer",
+    "of_chords",
+    "of_crossing_chords",
+    "of_shape",
+    "of_shapes",
+    "of_springs",
+    "other_sides",
+]
 
 SHARP = np.pi / 4.0
 """Turns of normals above this are edges of the part."""
@@ -213,22 +222,18 @@ def of_shapes(
         points = np.concatenate(acted.get(name, [np.zeros((0, part.dim))]))
         u = fields[name]
         layer, longer = of_shape(part, u, duals.get(name, u), points)
-        out[name] = abs(layer) + longer * abs(value)
+        out[name] = abs(layer) + longer.share * abs(value)
     return {name: error for name, error in out.items() if error != 0.0}
 
 
 def of_shape(
-    part: Substructure, u: Array, z: Array, points: Array, own: Flags | None = None
-) -> tuple[float, float]:
+    part: Substructure, u: Array, z: Array, points: Array, own: Ints | None = None
+) -> tuple[float, Longer]:
     """What the layers between straight cells and round faces do to a quantity, with its sign, and how much
-    longer than chords the arcs beside points are, relative; of some of the cells."""
-    found = _round_facets(part)
-    if found is not None and own is not None:
-        kept = own[found.cells]
-        some = found.cells[kept], found.areas[kept], found.thickness[kept], found.longer[kept]
-        found = _Round(*some) if kept.any() else None
+    longer than chords the arcs beside points are; of some of the cells."""
+    found = _beside(part, own)
     if found is None:
-        return 0.0, 0.0
+        return 0.0, Longer()
     made = recovery(part)
     density = made.products(u, z) / made.volumes()
     layer = float(np.sum((found.thickness * found.areas) * density[found.cells]))
@@ -236,17 +241,44 @@ def of_shape(
     return layer, _longer(part, found, points)
 
 
-def _longer(part: Substructure, found: _Round, points: Array) -> float:
-    """Area of round facets beside points over that of their chords, less 1."""
+def _beside(part: Substructure, own: Ints | None) -> _Round | None:
+    """Round facets beside some of the cells; None: there are none."""
+    found = _round_facets(part)
+    if found is None or own is None:
+        return found
+    kept = np.isin(found.cells, own)
+    some = found.cells[kept], found.areas[kept], found.thickness[kept], found.longer[kept]
+    return _Round(*some) if kept.any() else None
+
+
+class Longer(NamedTuple):
+    """Area of the chords of round facets, and what their arcs have more."""
+
+    chords: float = 0.0
+    more: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """Area of the arcs over that of their chords, less 1."""
+        return self.more / self.chords if self.chords else 0.0
+
+    @classmethod
+    def together(cls, every: Sequence[Longer]) -> Longer:
+        """Of several ranks."""
+        return cls(sum(each.chords for each in every), sum(each.more for each in every))
+
+
+def _longer(part: Substructure, found: _Round, points: Array) -> Longer:
+    """Of round facets beside points."""
     if not len(points):
-        return 0.0
+        return Longer()
     mesh, d = part.part.mesh, part.dim
     corners = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[found.cells]][..., :d]
     centre = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
     distance, _ = cKDTree(points).query(centre)
-    beside = distance <= reach
-    return float(np.average(found.longer[beside], weights=found.areas[beside])) if beside.any() else 0.0
+    areas = found.areas[distance <= reach]
+    return Longer(float(areas.sum()), float(areas @ found.longer[distance <= reach]))
 
 
 def of_crossing_chords(problem: Problem) -> dict[str, float]:
@@ -262,14 +294,17 @@ def of_crossing_chords(problem: Problem) -> dict[str, float]:
             continue
         for side in interface.sides:
             part = problem.own.substructures.get(side.substructure)
-            if part is None or int(coordinate_map(part.part.mesh).degree) > 1:
-                continue
-            found = _round_facets(part)
-            if found is None:
-                continue
-            turned = CROSSING * _longer(part, found, interface.points)
-            out[part.name] = max(out.get(part.name, 0.0), turned)
-    return out
+            if part is not None and part.name not in problem.spread:  # of which Piece.of_chords tells
+                turned = CROSSING * of_chords(part, interface.points).share
+                out[part.name] = max(out.get(part.name, 0.0), turned)
+    return {name: error for name, error in out.items() if error != 0.0}
+
+
+def of_chords(part: Substructure, points: Array, own: Ints | None = None) -> Longer:
+    """How much longer than the chords of a part beside points their arcs are; of some of its cells."""
+    straight = int(coordinate_map(part.part.mesh).degree) == 1
+    found = _beside(part, own) if straight else None
+    return Longer() if found is None else _longer(part, found, points)
 
 
 def extent(problem: Problem, interface: Interface, side: int = 0) -> float:

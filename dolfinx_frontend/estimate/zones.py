@@ -16,7 +16,6 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes
 from dolfinx_frontend.estimate.cells import Cells
 from dolfinx_frontend.estimate.unseen import extent
-from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.contact import CLOSED as STICKS
 from dolfinx_frontend.results.contact import OPEN, SLIPS, ContactValues, contact_states, slip_use
@@ -163,22 +162,32 @@ def _states(
     return np.where(closed, np.where(slips, SLIPS, STICKS), OPEN), used
 
 
-def places_of(problem: Problem, cells: Mapping[str, Array]) -> tuple[Place, ...]:
+def places_of(
+    problem: Problem, meshes: Mapping[str, Cells], cells: Mapping[str, Array]
+) -> tuple[Place, ...]:
     """Parts by what their cells contribute, the largest first; those below a hundredth are left out. All
-    ranks have the contributions of all parts. Collective."""
+    ranks have the cells of all parts and their contributions. Collective."""
     sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
     ranked = [name for name in sorted(sums, key=lambda n: -sums[n]) if sums[name] > 0.01 * total]
     own = {}
     with agreement(problem.comm):
         for name in ranked:
-            if name not in problem.own.substructures:
+            first, count = 0, len(cells[name])
+            if name in problem.spread:
+                mesh = problem.spread[name].part.mesh
+                first, end = mesh.topology.index_map(mesh.topology.dim).local_range
+                count = int(end - first)
+            elif name in problem.own.substructures:
+                mesh = problem.substructures[name].part.mesh
+            else:
                 continue
-            mesh = problem.substructures[name].part.mesh
-            worst = int(cells[name].argmax())
+            worst = int(cells[name].argmax()) - int(first)
+            if not 0 <= worst < count:  # of another rank
+                continue
             nodes = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[worst], : mesh.geometry.dim]
             at = tuple(float(v) for v in nodes.mean(axis=0))
-            size = float(cell_sizes(mesh).min())
+            size = float(meshes[name].sizes.min())
             own[name] = Place(name, sums[name] / total, at, len(cells[name]), size)
     found = problem.gather(own, parts=True)
     return tuple(found[name] for name in ranked)

@@ -10,9 +10,9 @@ from typing import Any, Literal, NamedTuple, TypeGuard
 import numpy as np
 from scipy import stats
 
-from dolfinx_frontend.assembly.gathered import gathered
+from dolfinx_frontend.assembly.gathered import by_first, gathered
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement, together
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -245,11 +245,7 @@ def reliability(
         answer = answered(problem)
     else:
         problem.check_alike(where, laws=True, event=event, **asked, **settings)
-        whole, made = gathered(problem), []
-        with agreement(problem.comm):
-            if whole is not None:
-                made.append(answered(whole))
-        answer = problem.comm.bcast(made, root=0)[0]
+        answer = by_first(problem, gathered(problem), answered)
     _tell(answer, cov)
     return answer.result
 

@@ -1,18 +1,20 @@
 """Monolithic direct solution: the oracle of the tests and the unit of cost.
 
 All interfaces are eliminated; what remains is factorised by a sparse Cholesky of PETSc (CHOLMOD or
-MUMPS with MAT_SPD, explicit zeros pruned), with the options prefix ``latin_reference_``.
+MUMPS with MAT_SPD, explicit zeros pruned), with the options prefix ``latin_reference_``. Of a problem whose
+parts are on several ranks the first one is given all matrices, and solves; all ranks call what is here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from dolfinx_frontend.assembly.gathered import by_first, gathered
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
@@ -30,14 +32,15 @@ class ReferenceSolution:
     Attributes
     ----------
     u
-        Substructure -> displacements (n_e,), length.
+        Substructure (of this rank) -> displacements (n_e,), length.
     traces
         Interface -> displacement w of each side, (m, d) in the local frame.
     forces
         Elastic, Pressure and Traction interface -> f_1 (m, d) in the local frame, force / area.
         The forces of the other interfaces are nodal reactions, which no point values belong to.
     energy
-        Strain energy of the parts and of the springs, force * length.
+        Strain energy of the parts and of the springs, force * length; of a part whose mesh is spread over the
+        ranks without what loads inside of it do while its faces are at rest.
     residual
         |A q - b| / |b| of the body with the largest one.
     """
@@ -50,7 +53,7 @@ class ReferenceSolution:
 
 
 class Monolithic:
-    """Monolithic solver that keeps what does not depend on the stiffness of springs and on loads.
+    """Monolithic solver that keeps what does not depend on the stiffness of springs and on loads; collective.
 
     Parameters
     ----------
@@ -62,51 +65,65 @@ class Monolithic:
 
     def __init__(self, problem: Problem, solver: str | None = None) -> None:
         check_is_problem("monolithic", problem)
-        problem.on_one_rank("a monolithic solve")
+        problem.check_alike("monolithic", laws=True, solver=solver)
         if solver is not None:
             check_known("solver", solver, solvers(), "monolithic")
         self.problem = problem
+        self._whole = gathered(problem)
         self.solver = solver
         self._key: Any = None
         self._bodies: list[Body] = []
         self._bases: list[sp.csr_matrix] = []
 
-    def _prepare(self, laws: Mapping[str, Law]) -> list[Body]:
+    def _prepare(self, whole: Problem, laws: Mapping[str, Law]) -> list[Body]:
         """Bodies under these laws; kept as long as only elastic interfaces change."""
         key = [(n, law) for n, law in laws.items() if not law.springs]
         same = self._key is not None and len(key) == len(self._key) and all(
             a == b and law is other for (a, law), (b, other) in zip(key, self._key, strict=True)
         )
         if not same:
-            self._bodies = reduce(self.problem, laws, laws)
-            self._bases = [_without_springs(self.problem, b) for b in self._bodies]
+            self._bodies = reduce(whole, laws, laws)
+            self._bases = [_without_springs(whole, b) for b in self._bodies]
             self._key = key
         return self._bodies
 
     def systems(
         self, laws: Mapping[str, Law]
     ) -> list[tuple[Body, sp.csr_matrix, Array]]:
-        """Body, matrix and right-hand side of all bodies."""
+        """Body, matrix and right-hand side of all bodies, on the first rank; none on others."""
+        return [] if self._whole is None else self._systems(self._whole, laws)
+
+    def _systems(
+        self, whole: Problem, laws: Mapping[str, Law]
+    ) -> list[tuple[Body, sp.csr_matrix, Array]]:
         out = []
-        for body, base in zip(self._prepare(laws), self._bases, strict=True):
-            A = base + _springs(self.problem, body, laws)
-            out.append((body, A, body_load(self.problem, body, laws)))
+        for body, base in zip(self._prepare(whole, laws), self._bases, strict=True):
+            A = base + _springs(whole, body, laws)
+            out.append((body, A, body_load(whole, body, laws)))
         return out
 
     def solve(
         self, laws: dict[str, Law] | None = None, values: dict[str, Any] | None = None
     ) -> ReferenceSolution:
         """Solve, with laws or single parameters replaced; see :meth:`assembly.Problem.laws`."""
-        current = self.problem.laws(laws, values)
+        self.problem.check_alike("monolithic", laws=True, values=values, **{"the laws given": laws})
+
+        def solved(whole: Problem) -> ReferenceSolution:
+            return self._solved(whole, whole.laws(laws, values))
+
+        found = by_first(self.problem, self._whole, solved)
+        return replace(found, u={name: found.u[name] for name in self.problem.substructures})
+
+    def _solved(self, whole: Problem, current: Mapping[str, Law]) -> ReferenceSolution:
         u: dict[str, Array] = {}
         residual = 0.0
-        for body, A, b in self.systems(current):
+        for body, A, b in self._systems(whole, current):
             q = Cholesky(A, self.solver).solve(b)
             size = np.linalg.norm(b)
             if size > 0.0:
                 residual = max(residual, float(np.linalg.norm(A @ q - b) / size))
             u |= displacements(body, q)
-        return _solution(self.problem, current, u, residual)
+        return _solution(whole, current, u, residual)
 
 
 def _without_springs(problem: Problem, body: Body) -> sp.csr_matrix:
@@ -147,7 +164,8 @@ def monolithic(
     solver: str | None = None,
     values: dict[str, Any] | None = None,
 ) -> ReferenceSolution:
-    """Solve the assembled structure directly; parameters with a mean take it.
+    """Solve the assembled structure directly; parameters with a mean take it. Collective on several ranks, of
+    which the first one solves, and each gets the displacements of its parts.
 
     Parameters
     ----------

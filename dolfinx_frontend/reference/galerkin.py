@@ -15,6 +15,8 @@ The operator is applied and never formed, and conjugate gradients are preconditi
 of its mean block, which solves for all modes at once.  Only ``solver="direct"``, for small cases,
 forms and factorises it.  PETSc options: prefix ``latin_ssfem_`` for the Krylov solver,
 ``latin_reference_`` for the factors.
+
+Of a problem whose parts are on several ranks the first one is given all matrices, and solves.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,6 +35,7 @@ from latin_core.stochastic import ChaosBasis
 from petsc4py import PETSc as _PETSc
 from scipy.sparse import linalg as sparse_linalg
 
+from dolfinx_frontend.assembly.gathered import by_first, gathered
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array, Ints
@@ -142,7 +145,6 @@ class _System:
     """
 
     def __init__(self, problem: Problem, chaos: Chaos) -> None:
-        problem.on_one_rank("monolithic SSFEM")
         self.problem = problem
         self.random = RandomLaws.of(problem)
         # Krylov vectors, products and a right-hand side for each mode
@@ -452,7 +454,7 @@ class SSFEMSolution:
     problem, random, basis
         What was solved, with what randomness, on which modes.
     coefficients
-        Substructure -> displacement modes (n_e, P + 1), length.
+        Substructure (of this rank) -> displacement modes (n_e, P + 1), length.
     unknowns
         n (P + 1) of the system that was solved.
     converged
@@ -468,6 +470,10 @@ class SSFEMSolution:
         Smallest and largest Ritz value of the operator relative to its mean block; nan if direct.
     seconds
         ``assembly``, ``factor``, ``iterations`` -> wall time.
+    jumps
+        Interface -> see :meth:`jump_coefficients`.
+    forces
+        Elastic interface -> see :meth:`force_coefficients`.
     """
 
     problem: Problem = field(repr=False)
@@ -481,7 +487,8 @@ class SSFEMSolution:
     residual: float
     spectrum: tuple[float, float]
     seconds: dict[str, float]
-    _springs: dict[str, _Spring] = field(repr=False)
+    jumps: dict[str, Array] = field(repr=False)
+    forces: dict[str, Array] = field(repr=False)
 
     @property
     def space(self) -> RandomSpace:
@@ -489,6 +496,7 @@ class SSFEMSolution:
         return self.random.space
 
     def _modes(self, substructure: str) -> Array:
+        self.problem.check_here(substructure)
         check_known("substructure", substructure, self.coefficients, "solution")
         return self.coefficients[substructure]
 
@@ -503,7 +511,7 @@ class SSFEMSolution:
     def jump_coefficients(self, interface: str) -> Array:
         """Modes (m, d, P + 1) of the jump w_2 - w_1 in the local frame, length."""
         check_known("interface", interface, self.problem.interfaces, "solution")
-        return spring_jump(self.problem, interface, self.coefficients)
+        return self.jumps[interface]
 
     def force_coefficients(self, interface: str) -> Array:
         """Modes (m, d, P + 1) of f_1 = kappa (j - Delta) in the local frame, force / area.
@@ -513,13 +521,13 @@ class SSFEMSolution:
         SceneError
             The interface is not elastic: its force is a reaction at nodes.
         """
-        jump = self.jump_coefficients(interface)
-        if interface not in self._springs:
+        check_known("interface", interface, self.problem.interfaces, "solution")
+        if interface not in self.forces:
             law = self.problem.interfaces[interface].law.title
             raise SceneError(
                 f"interface {interface!r} is {law}; only elastic interfaces have a force at points"
             )
-        return self._springs[interface].force(jump)
+        return self.forces[interface]
 
 
 def ssfem(
@@ -530,7 +538,8 @@ def ssfem(
     max_iterations: int = 1000,
     callback: Callable[[int, float], None] | None = None,
 ) -> SSFEMSolution:
-    """Solve the stochastic Galerkin equations of the assembled structure.
+    """Solve the stochastic Galerkin equations of the assembled structure. Collective on several ranks, of
+    which the first one solves, and each gets the modes of its parts.
 
     Parameters
     ----------
@@ -546,7 +555,8 @@ def ssfem(
     max_iterations
         Of conjugate gradients; nothing is raised when they do not suffice.
     callback
-        Called with the iteration and the relative residual norm; it may raise to end the run.
+        Called with the iteration and the relative residual norm, on the rank that solves; it may raise to end
+        the run.
 
     Where one stiffness is indefinite but the whole operator is not, the solution is given.
 
@@ -562,6 +572,43 @@ def ssfem(
     checked_whole("ssfem", "max_iterations", max_iterations, 1)
     if callback is not None:
         checked_callable("ssfem", "callback", callback, "give a function of iteration and residual", 2)
+    given = {"chaos": chaos, "solver": solver, "rtol": rtol, "max_iterations": max_iterations}
+    problem.check_alike("ssfem", laws=True, **given)
+
+    def solved(whole: Problem) -> _Solved:
+        return _solved(whole, chaos, solver, rtol, max_iterations, callback)
+
+    found = by_first(problem, gathered(problem), solved)
+    random = RandomLaws.of(problem)
+    coefficients = {name: found.coefficients[name] for name in problem.substructures}
+    return SSFEMSolution(
+        problem, random, random.space.basis(chaos), **{**found._asdict(), "coefficients": coefficients}
+    )
+
+
+class _Solved(NamedTuple):
+    """What the rank that solves tells the others: attributes of :class:`SSFEMSolution`."""
+
+    coefficients: dict[str, Array]
+    unknowns: int
+    converged: bool
+    iterations: int
+    residuals: Array
+    residual: float
+    spectrum: tuple[float, float]
+    seconds: dict[str, float]
+    jumps: dict[str, Array]
+    forces: dict[str, Array]
+
+
+def _solved(
+    problem: Problem,
+    chaos: Chaos,
+    solver: str,
+    rtol: float,
+    max_iterations: int,
+    callback: Callable[[int, float], None] | None,
+) -> _Solved:
     began = perf_counter()
     system = _System(problem, chaos)
     matrices = system.matrices() if solver == "direct" else []
@@ -596,10 +643,8 @@ def ssfem(
         for body, part in zip(system.bodies, system.slices, strict=True)
         for m in body.members
     }
-    return SSFEMSolution(
-        problem,
-        system.random,
-        system.basis,
+    jumps = {name: spring_jump(problem, name, coefficients) for name in problem.interfaces}
+    return _Solved(
         {name: coefficients[name] for name in problem.substructures},
         q.size,
         converged,
@@ -608,7 +653,8 @@ def ssfem(
         residual,
         spectrum,
         seconds,
-        system.springs,
+        jumps,
+        {name: spring.force(jumps[name]) for name, spring in system.springs.items()},
     )
 
 
@@ -694,11 +740,17 @@ def smallest_eigenvalue(problem: Problem, chaos: Chaos, rtol: float = 1e-8) -> f
     A x = lambda (K_mean (x) I) x by Lanczos with the factor of the mean block, without shifts.  The
     operator is positive definite if and only if it is positive.  1 without randomness; for one
     normal stiffness 1 - cov * root * share, with the greatest root of He_p+1 and the greatest share
-    of the mean strain energy that a displacement can have in the springs.
+    of the mean strain energy that a displacement can have in the springs. Collective on several ranks, of
+    which the first one computes it.
     """
     _check_request("smallest_eigenvalue", problem, chaos, rtol)
-    system = _System(problem, chaos)
-    return _smallest(system, system.factor(), rtol)
+    problem.check_alike("smallest_eigenvalue", laws=True, chaos=chaos, rtol=rtol)
+
+    def smallest(whole: Problem) -> float:
+        system = _System(whole, chaos)
+        return _smallest(system, system.factor(), rtol)
+
+    return by_first(problem, gathered(problem), smallest)
 
 
 def _check_request(where: str, problem: object, chaos: object, rtol: object) -> None:

@@ -290,11 +290,7 @@ class Face(ABC):
         """Displacement of a part whose mesh is spread over the ranks, and numbers of its loads."""
         comm, unknowns = self.problem.comm, None
         numbers: dict[tuple[str, str], float] = {}
-        if self._factored(part) and whole.loaded:
-            raise SceneError(
-                f"displacement of {part!r}: its mesh is spread over the ranks, its stiffness varies, and "
-                "loads act inside of it: make it on COMM_SELF to have its fields"
-            )
+        self._check_fields(part, whole)
         with agreement(comm):
             step = check_step(self.times, step, "displacement")
             if part in self.problem.substructures:
@@ -305,6 +301,28 @@ class Face(ABC):
         numbers = comm.bcast(numbers, root=whole.owner)
         time = None if self.times is None else float(self.times[step])
         return whole.displacement(unknowns, numbers, time), numbers
+
+    def _check_fields(self, part: str, whole: Condensed) -> None:
+        """Refuse fields inside of a part whose mesh is spread over the ranks, if they are not known."""
+        if self._factored(part) and whole.loaded:
+            raise SceneError(
+                f"displacement of {part!r}: its mesh is spread over the ranks, its stiffness varies, and "
+                "loads act inside of it: make it on COMM_SELF to have its fields"
+            )
+
+    def mode_on_all_ranks(self, part: str, mode: int) -> fem.Function:
+        """One of the modes of :meth:`spread`, at the last step, length, of a part whose mesh is spread over
+        the ranks; collective."""
+        whole, unknowns = self.problem.spread[part], None
+        numbers: dict[tuple[str, str], float] = {}
+        self._check_fields(part, whole)
+        with agreement(self.problem.comm):
+            if part in self.problem.substructures:
+                unknowns = stepped(self.spread(part)[mode], self.times)[-1]
+                for key in whole.loads:
+                    numbers[key] = float(stepped(self.load_spread(*key)[mode], self.times)[-1])
+        found: fem.Function = whole.answer(unknowns, numbers)
+        return found
 
     def mean(self, part: str, step: int = -1) -> fem.Function:
         """Mean displacement, as :meth:`displacement`."""

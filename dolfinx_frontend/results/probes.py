@@ -184,6 +184,11 @@ class AtPoint:
         assert self._place is not None
         return self._place
 
+    @property
+    def cell(self) -> int:
+        """Number of the cell that it is in; all ranks know it."""
+        return self._rows.cell
+
     def slopes(self, block: Block) -> tuple[Ints, Array]:
         """Unknowns (k,) of the cell, and the derivatives (k,) of the number by them at one sample."""
         rows = self._rows

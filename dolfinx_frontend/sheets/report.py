@@ -269,10 +269,7 @@ def _none() -> None:
 def _over_ranks(result: Answer, errors: Any, settings: dict[str, Any]) -> Report:
     """The sheet of an answer whose parts are on several ranks; collective."""
     problem, comm = result.problem, result.problem.comm
-    problem.check_alike("report", errors=errors if isinstance(errors, bool) else None, **settings)
-    if isinstance(errors, str):
-        raise SceneError(f"report: errors = {errors!r} needs all parts on one rank; give True or False")
-    known = errors_known(result, errors, ())
+    problem.check_alike("report", errors=errors if isinstance(errors, (bool, str)) else None, **settings)
     every: list[Any] = [result, tightened(result) if _carries_on(errors) else None]
     folder = comm.bcast(tempfile.mkdtemp() if problem.rank == 0 else None, root=0)
     found: Report | None = None
@@ -281,10 +278,18 @@ def _over_ranks(result: Answer, errors: Any, settings: dict[str, Any]) -> Report
         for each, file in zip(every, files, strict=True):
             if each is not None:
                 each.save(file)
+        first: Any = None
+        second: Any = None
+        of: Sequence[Bolt] = ()
         with agreement(comm):
             if problem.rank == 0:
                 laws = {name: interface.law for name, interface in problem.interfaces.items()}
                 first, second = (None if file is None else load(file).with_laws(laws) for file in files)
+                if isinstance(errors, str) and errors == "goal":
+                    of = bolts_of(first, settings["bolts"], settings["joints"])
+        known = errors_known(result, errors, comm.bcast(of, root=0))
+        with agreement(comm):
+            if problem.rank == 0:
                 found = _made(first, lambda _: known, lambda: second, **settings)
     finally:
         if problem.rank == 0:

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Iteration, Laws, Options, State, stochastic
 
-from dolfinx_frontend.assembly.gathered import gathered
+from dolfinx_frontend.assembly.gathered import by_first, gathered
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
@@ -280,12 +280,7 @@ def _guard(
 
 def _definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     """As :func:`bridge.definite`; on several ranks by the first one, which is given the matrices of all."""
-    whole, comm = gathered(problem), problem.comm
-    found = False
-    with agreement(comm):
-        if whole is not None:
-            found = bridge.definite(whole, floors)
-    return found if comm is None else bool(comm.bcast(found, root=0))
+    return by_first(problem, gathered(problem), lambda whole: bridge.definite(whole, floors))
 
 
 def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:

@@ -134,7 +134,7 @@ def reported(folder: Path) -> None:
     sheets = []
     for problem, name in ((lf.assemble(made, comm=WORLD), "sheet"), (lf.assemble(made), f"alone{RANK}")):
         result = lf.solve(problem, options=Options(rtol=1e-8))
-        sheets.append(lf.report(result, folder / name, pictures=False, units=("mm", "N")))
+        sheets.append(lf.report(result, folder / name, errors="goal", pictures=False, units=("mm", "N")))
     one, other = sheets
     assert one.ranking == other.ranking and len(one.ranking) == 2, (one.ranking, other.ranking)
     assert one.sentences == other.sentences and one.left_out == other.left_out, (one, other)
@@ -186,6 +186,49 @@ def held() -> None:
     print(f"same support on rank {RANK}", flush=True)
 
 
+def compared() -> None:
+    """Monolithic solutions: of one answer and another, and of a chaos; what is not held is refused on all."""
+
+    def law(k: int) -> Any:
+        random = LogNormal("k", 20.0, cov=0.2)
+        return Perfect() if k == 3 else Elastic(normal=random if k == 2 else 20.0, tangential=10.0)
+
+    def near(one: Any, other: Any) -> bool:
+        return bool(np.abs(one - other).max() <= TESTED * np.abs(other).max())
+
+    problems = both(law)
+    values = None, {"j2.normal": 35.0}
+    found, exact = ([lf.reference.monolithic(p, values=v) for v in values] for p in problems)
+    for one, other in zip(found, exact, strict=True):
+        assert one.u.keys() == problems[0].substructures.keys()
+        assert all(near(u, other.u[name]) for name, u in one.u.items())
+        assert all(near(force, other.forces[name]) for name, force in one.forces.items())
+        assert all(near(w, other.traces[name][0]) for name, (w, *_) in one.traces.items())
+        assert near(one.energy, other.energy)
+    modulus = {"b3.E": LogNormal("E", 150.0, cov=0.1)}
+    field = lf.RandomField("c", 150.0, cov=0.2, length=3.0, modes=2)
+    for more, solver in (({}, "cg"), (modulus, "direct"), ({"b3.E": field}, "cg")):
+        one, other = (
+            lf.reference.ssfem(p.with_laws(values=more), lf.Chaos(2), solver=solver) for p in problems
+        )
+        assert all(near(modes, other.coefficients[name]) for name, modes in one.coefficients.items()), more
+        for name in ("j1", "j2"):
+            assert near(one.force_coefficients(name), other.force_coefficients(name)), (more, name)
+        assert near(one.jump_coefficients("j3"), other.jump_coefficients("j3"))
+        assert one.converged and one.unknowns == other.unknowns
+    least = [lf.reference.smallest_eigenvalue(p, lf.Chaos(2)) for p in problems]
+    assert near(*map(np.array, least)), least
+    made = both(lambda k: Contact() if k == 2 else Elastic(20.0, 10.0))[0]
+    for call in (lambda: lf.reference.monolithic(made), lambda: lf.reference.ssfem(made, lf.Chaos(1))):
+        try:
+            call()
+        except lf.SceneError as error:
+            assert "j2" in str(error) and ("rank 0 failed" in str(error)) is (RANK > 0), error
+        else:
+            raise AssertionError("a contact has no monolithic solution")
+    print(f"same reference on rank {RANK}", flush=True)
+
+
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
     exported(Path(sys.argv[1]))
@@ -193,3 +236,4 @@ if __name__ == "__main__":
     journal(Path(sys.argv[1]))
     reported(Path(sys.argv[1]))
     held()
+    compared()

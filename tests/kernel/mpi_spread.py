@@ -1,6 +1,6 @@
 """Program of test_mpi.py: a part whose mesh is spread over the ranks, against the same on one.
 
-``mpirun -n N python mpi_spread.py (columns | inside | numbers)``
+``mpirun -n N python mpi_spread.py (columns | inside | numbers | meshes)``
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import dolfinx_frontend as lf
-from dolfinx_frontend import Contact, Elastic, LinearElastic, LogNormal, Options, Resultant, Scene
-from dolfinx_frontend.geometry.parts import Part
+from dolfinx_frontend.assembly import assemble as assembly
+from dolfinx_frontend import Contact, Elastic, LinearElastic, LogNormal, Normal, Options, Resultant, Scene
+from dolfinx_frontend.estimate.mesh_error import deviation_error
+from dolfinx_frontend.geometry.parts import Part, located
 
 TESTED = 1e-10
 TIGHT = Options(rtol=1e-13, max_iterations=2000)
@@ -164,6 +166,15 @@ def moment(stress: Any) -> Any:
     return np.array([fem.assemble_scalar(fem.form(f * ufl.dx)) for f in each])
 
 
+def pushed(comm: Any, hexahedra: bool) -> Scene:
+    """The cubes between two walls, with a random force and random heat in the lower one."""
+    made = scene(comm, Elastic(normal=1e5, tangential=4e4), 2 - hexahedra, hexahedra)
+    made.fix("upper:z1", name="held")
+    made.temperature("lower", Normal("heat", 40.0, cov=0.3), 1e-5, name="heat")
+    made.body_force("lower", (1.0, 0.0, Normal("wind", 30.0, cov=0.5)), name="wind")
+    return made
+
+
 PLACES = {"displacement": ("x", "z"), "stress": ("xx", "xz", "mises")}
 
 
@@ -201,6 +212,13 @@ def estimates() -> None:
             upper = lf.AtPoint(problem, "upper", (0.5, 0.5, 1.4), "stress", "zz")
             both = lf.Measure(lambda f, a=probe, b=upper: a(f) + b(f), "both")
             own.append(result.mean_std(both).mean)
+            if degree == 1:
+                found = lf.discretisation_error(result, upper)
+                own += [found.quantity, found.uncancelled]
+                problem = lf.assemble(pushed(comm, hexahedra), comm=comm)
+                mean, chaos = (lf.solve(problem, active=["joint"], options=TIGHT, chaos=c) for c in (None, 1))
+                off = deviation_error(mean, chaos, Resultant("joint"))
+                own += [off.std, off.quantity, off.bound]
             numbers.append(own)
         for one, other in zip(*numbers, strict=True):
             same("estimates", one, other)
@@ -235,6 +253,77 @@ def halves(low: float) -> Part:
     own = dmesh.create_submesh(mesh, 3, kept)[0]
     found = dmesh.locate_entities_boundary(own, 2, lambda x: np.isclose(x[2], low))
     return Part(own, dmesh.meshtags(own, 2, found, np.full(len(found), 1, dtype=np.int32)), {"z0": 1})
+
+
+L_FORCE = 0.0052855607
+"""Force on the joint of :func:`corner` with springs, on one rank, solved to 1e-5 (1e-4: 8e-6 off)."""
+
+
+def corner(comm: Any, law: Any, kind: str, spread: str = "L", degree: int = 1) -> Scene:
+    """An L with a re-entrant corner below a block, one of which may be spread."""
+    cell = dmesh.CellType.quadrilateral if kind == "quadrilateral" else dmesh.CellType.triangle
+    made = Scene()
+    for name, low, high, cells in (("L", 0.0, (2.0, 2.0), [4, 4]), ("block", 2.0, (1.0, 3.0), [2, 2])):
+        of = comm if name == spread else MPI.COMM_SELF
+        mesh = dmesh.create_rectangle(of, [[0.0, low], high], cells, cell)
+        count = mesh.topology.index_map(2).size_local
+        x = dmesh.compute_midpoints(mesh, 2, np.arange(count, dtype=np.int32))
+        kept = np.flatnonzero((x[:, 0] < 1.0) | (x[:, 1] < 1.0) | (low > 0.0)).astype(np.int32)
+        part = dmesh.create_submesh(mesh, 2, kept)[0]
+        faces = {
+            "low": lambda x, at=low: np.isclose(x[1], at),
+            "high": lambda x, at=high[1]: np.isclose(x[1], at),
+            "far": lambda x: np.isclose(x[0], 2.0),
+        }
+        made.substructure(name, located(part, faces), LinearElastic(E=1000.0, nu=0.3), degree=degree)
+    made.fix("L:low")
+    made.fix("block:high")
+    made.interface("joint", "L:high", "block:low", law)
+    made.traction("L:far", (0.3, -1.0) if law.unilateral else (0.3, 1.0))
+    return made
+
+
+def meshes() -> None:
+    """Meshes that follow the question: those of one rank, whichever of two parts is spread; a part that does
+    not decide is condensed once."""
+    soft = Elastic(500.0, 500.0)
+    cases: list[tuple[str, str, Any, int, float]] = [
+        ("triangle", "L", soft, 1, 2e-2),
+        ("triangle", "block", Elastic(5.0, 5.0), 2, 5e-2),
+        ("quadrilateral", "L", Contact(), 3, 0.1),
+    ]
+    condensed: list[str] = []
+    way = assembly.condensed
+
+    def counted(spec: Any, *args: Any) -> Any:
+        condensed.append(spec.name)
+        return way(spec, *args)
+
+    assembly.condensed = counted
+    for kind, spread, law, degree, accuracy in cases:
+        condensed.clear()
+        results = []
+        for comm in (WORLD, MPI.COMM_SELF):
+            made = corner(comm, law, kind, spread, degree)
+            results.append(lf.solve(made, accuracy=accuracy, quantity="joint", comm=comm, progress=False))
+        found, exact = (each.errors() for each in results)
+        what = kind, spread, law
+        assert found.reached and exact.reached, (what, str(found), str(exact))
+        for one, other in zip(found.steps, exact.steps, strict=True):
+            assert (one.unknowns, one.changed) == (other.unknowns, other.changed), (what, one, other)
+        assert [(p.part, p.cells) for p in found.places] == [(p.part, p.cells) for p in exact.places], what
+        for one, other in zip(found.moments, exact.moments, strict=True):
+            assert one == other or abs(one - other) <= 0.02 * accuracy * abs(other), (what, one, other)
+        assert len(set(WORLD.allgather(found.moments))) == 1
+        if law is soft:
+            assert abs(found.moments.mean / L_FORCE - 1.0) <= accuracy, (what, found.moments)
+        changed = [step.changed[spread] for step in found.steps if spread in step.changed]
+        assert len(condensed) == 1 + len(changed), (what, condensed, changed)
+        assert any("cut" in each for each in changed) if spread == "L" else not changed, (what, changed)
+        if RANK == 0:
+            print(what, len(found.steps), changed, flush=True)
+    assembly.condensed = way
+    print(f"same meshes on rank {RANK}", flush=True)
 
 
 def loose() -> None:
@@ -289,6 +378,7 @@ def refused() -> None:
 
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
-    calls = {"columns": (answers, random), "inside": (inside, loose, refused), "numbers": (estimates,)}
+    calls: dict[str, Any] = {"columns": (answers, random), "inside": (inside, loose, refused)}
+    calls |= {"numbers": (estimates,), "meshes": (meshes,)}
     for each in calls[sys.argv[1]]:
         each()

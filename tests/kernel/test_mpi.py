@@ -142,7 +142,7 @@ def test_stiffnesses_of_parts_vary_over_ranks() -> None:
 
 
 def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
-    what = "folder", "proof", "function", "sheet", "support"
+    what = "folder", "proof", "function", "sheet", "support", "reference"
     holds(2, tuple(f"same {each} on rank" for each in what), "mpi_gather.py", str(tmp_path))
 
 
@@ -152,6 +152,7 @@ def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
         (2, "inside", ("same inside", "refused")),
         (3, "columns", ("same part", "same columns")),
         (3, "numbers", ("same estimates",)),
+        (2, "meshes", ("same meshes",)),
     ],
 )
 def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int, call: str, said: tuple[str, ...]) -> None:
