@@ -10,6 +10,8 @@ unknowns. What its answer leaves of the equations of the body itself,
 says how good the basis is, and one cycle of multigrid on the columns of r that matter says what to add to it:
 a block Krylov method whose projected problem, with all its laws and columns, the kernel solves. In the energy
 norm the answer is the best one in the basis.
+
+Over ranks, every rank has the basis of its own bodies; the blocks of multigrid have the rows of its bodies.
 """
 
 from __future__ import annotations
@@ -25,10 +27,19 @@ from latin_core import Laws, State, Structure
 
 from dolfinx_frontend.assembly.elements import csr, petsc_matrix
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.multigrid import Multigrid, Spring, linear_shapes, multiplied, rigid_motions
+from dolfinx_frontend.kernel.multigrid import (
+    Multigrid,
+    Spring,
+    jumps,
+    linear_shapes,
+    multiplied,
+    rigid_motions,
+)
+from dolfinx_frontend.kernel.rows import Rows, placed
 
 __all__ = ["Answer", "Bodies", "Subspace"]
 
@@ -80,12 +91,12 @@ class Answer(NamedTuple):
 
 
 class Bodies:
-    """All bodies of a description, as one multigrid problem.
+    """All bodies of a description, as one multigrid problem; over ranks, those of this rank.
 
     Parameters
     ----------
     problem
-        Assembled scene, on one rank.
+        Assembled scene.
     described
         What the kernel is given of them.
     floors
@@ -105,34 +116,41 @@ class Bodies:
     ) -> None:
         self.problem, self.described, self.floors = problem, described, floors or {}
         self.interfaces = interfaces = described.interfaces
+        self.rows = rows = Rows(problem.comm)
+        rows.tidy()
         bodies = described.bodies
         sizes = np.cumsum([0] + [each["size"] for each in bodies])
         self.size = int(sizes[-1])
-        self.loads = bodies[0]["members"][0]["load"].shape[1]
         self.place = {
             member["name"]: (b, member) for b, each in enumerate(bodies) for member in each["members"]
         }
+        heads = {part: bodies[b]["members"][0]["name"] for part, (b, _) in self.place.items()}
+        loads = [each["members"][0]["load"].shape[1] for each in bodies]
+        every = rows.every((loads, heads))
+        self.loads = max(count for counts, _ in every for count in counts)
+        self.heads = {part: head for _, of_rank in every for part, head in of_rank.items()}
         self.pieces: list[_Piece] = []
-        blocks = []
-        for each, first, last in zip(bodies, sizes, sizes[1:], strict=False):
-            blocks.append(self._add_body(each, slice(int(first), int(last))))
-        matrix = _diagonal(blocks)
-        del blocks
-        self.traces = {
-            each["name"]: [self._trace(each, side) for side in each["sides"]] for each in interfaces
-        }
-        self.between = [self._spring(each) for each in interfaces]
-        matrix.eliminate_zeros()
-        self.matrix = petsc_matrix(matrix)
-        del matrix
-        prolongations = {
-            member["name"]: _placed(member["prolongation"], piece.own, self.size)
-            for piece in self.pieces
-            for member in piece.values["members"]
-        }
-        self.rigid = rigid_motions(problem, prolongations)
-        shapes = linear_shapes(problem, prolongations)
-        self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between)
+        with agreement(problem.comm):
+            blocks = []
+            for each, first, last in zip(bodies, sizes, sizes[1:], strict=False):
+                blocks.append(self._add_body(each, slice(int(first), int(last))))
+            matrix = _diagonal(blocks)
+            del blocks
+            self.traces = {each["name"]: self._traces(each) for each in interfaces}
+            self.between = [self._spring(each) for each in interfaces]
+            matrix.eliminate_zeros()
+            self.matrix = petsc_matrix(matrix)
+            del matrix
+            prolongations = {
+                member["name"]: placed(member["prolongation"], piece.own.start, self.size)
+                for piece in self.pieces
+                for member in piece.values["members"]
+            }
+            shapes = linear_shapes(problem, prolongations, self.size)
+        self.rigid = rigid_motions(problem, prolongations, self.size, rows)
+        if rows.any(shapes is None):
+            shapes = None
+        self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between, rows)
 
     # -- pieces --------------------------------------------------------------------------------
     def _add_body(self, values: Values, own: slice) -> sp.csr_matrix:
@@ -171,25 +189,36 @@ class Bodies:
         self.pieces.append(_Piece(own, values, load, reaction, energy))
         return total.tocsr()
 
-    def _trace(self, interface: Values, side: Values) -> sp.csr_matrix:
-        """Local trace (rows, n) of a side on the unknowns of all bodies."""
-        body, member = self.place[side["member"]]
-        trace = _local(interface["frames"], len(interface["weights"]), side["trace"]) @ member["prolongation"]
-        return _placed(trace, self.pieces[body].own, self.size)
+    def _traces(self, interface: Values) -> dict[int, sp.csr_matrix]:
+        """Side on this rank -> its local trace (rows, n) on the unknowns of all bodies."""
+        found = {}
+        for number, side in enumerate(interface["sides"]):
+            if side["member"] in self.place:
+                body, member = self.place[side["member"]]
+                trace = _local(interface["frames"], len(interface["weights"]), side["trace"])
+                trace = trace @ member["prolongation"]
+                found[number] = placed(trace, self.pieces[body].own.start, self.size)
+        return found
 
     def _spring(self, interface: Values) -> Spring:
         """What an active interface is in the matrix: its stiffness, else its search direction."""
-        law, traces = self.problem.interfaces[interface["name"]].law, self.traces[interface["name"]]
+        scene, traces = self.problem.interfaces[interface["name"]], self.traces[interface["name"]]
         points = len(interface["weights"])
         components = len(interface["frames"]) // points
         weights = np.repeat(interface["weights"], components)
-        if not law.springs:
-            stiff = np.concatenate([weights * side["direction"] for side in interface["sides"]])
-            return Spring(sp.vstack(traces, format="csr"), stiff)
-        scene = self.problem.interfaces[interface["name"]]
+        sides = interface["sides"]
+        if not scene.law.springs:
+            stiff = np.concatenate([weights * sides[s]["direction"] for s in traces])
+            return Spring(sp.vstack(list(traces.values()), format="csr"), stiff)
         kappa = bridge.spring_stiffness(scene, components, self.floors).ravel()
-        jump = -traces[0] if len(traces) == 1 else traces[1] - traces[0]
-        return Spring(jump.tocsr(), weights * kappa)
+        if len(traces) == 2:
+            return Spring((traces[1] - traces[0]).tocsr(), weights * kappa)
+        jump = (traces[1] if 1 in traces else -traces[0]).tocsr()
+        if len(sides) == 1:
+            return Spring(jump, weights * kappa)
+        away = next(side["member"] for s, side in enumerate(sides) if s not in traces)
+        assert self.problem.distribution is not None
+        return Spring(jump, weights * kappa, self.problem.distribution.owner[away])
 
     # -- products ------------------------------------------------------------------------------
     def product(self, block: Array) -> Array:
@@ -217,15 +246,15 @@ class Subspace:
     @classmethod
     def of(cls, bodies: Bodies) -> Subspace:
         """Rigid motions, and what the load patterns do to all bodies joined by springs."""
-        load = np.concatenate([piece.load for piece in bodies.pieces])
+        load = np.concatenate([np.zeros((0, bodies.loads)), *(piece.load for piece in bodies.pieces)])
         empty = tuple(np.zeros((piece.own.stop - piece.own.start, 0), order="F") for piece in bodies.pieces)
         found = cls(bodies, empty, empty).with_fields(bodies.rigid)
-        loaded = np.flatnonzero(np.any(load, axis=0))
+        loaded = np.flatnonzero(np.any(bodies.rows.every(np.any(load, axis=0)), axis=0))
         return found.with_fields(bodies.multigrid.cycle(load[:, loaded])) if loaded.size else found
 
     @property
     def count(self) -> int:
-        """Fields of all bodies."""
+        """Fields of all bodies on this rank."""
         return sum(each.shape[1] for each in self.fields)
 
     def with_fields(self, block: Array) -> Subspace:
@@ -273,9 +302,10 @@ class Subspace:
         for each in self.bodies.interfaces:
             sides = []
             for side in each["sides"]:
-                body, member = self.bodies.place[side["member"]]
-                trace = csr(side["trace"]) @ self._motions(body, member)
-                sides.append({**side, "member": names[body], "trace": petsc_matrix(sp.csr_matrix(trace))})
+                sides.append({**side, "member": self.bodies.heads[side["member"]]})
+                if side["member"] in self.bodies.place:
+                    trace = csr(side["trace"]) @ self._motions(*self.bodies.place[side["member"]])
+                    sides[-1]["trace"] = petsc_matrix(sp.csr_matrix(trace))
             interfaces.append({**each, "sides": sides})
         return found, interfaces
 
@@ -349,7 +379,7 @@ class Subspace:
         force = core.global_stage(laws, np.asfortranarray(state.data), np.asfortranarray(amplitudes))
         force = state.data - np.asarray(core.directions)[:, None] * force
         return Answer(
-            np.vstack([fields[name] for name in names]),
+            np.vstack([np.zeros((0, amplitudes.shape[1])), *(fields[name] for name in names)]),
             np.asarray(core.weights)[:, None] * force,
             np.asarray(amplitudes),
         )
@@ -373,14 +403,14 @@ class Subspace:
 
     @cached_property
     def _jumps(self) -> list[Array]:
-        """Jumps of the springs between the bodies under the fields of the basis."""
+        """Jumps of the springs between the bodies under the fields of the basis of this rank."""
         found = []
         for spring in self.bodies.between:
             own = [
                 spring.jump[:, piece.own] @ V
                 for piece, V in zip(self.bodies.pieces, self.fields, strict=True)
             ]
-            found.append(np.hstack(own))
+            found.append(np.hstack(own))  # where there are springs there is a body
         return found
 
     def energies(self, answer: Answer, of_springs: float = 1.0) -> Array:
@@ -389,14 +419,17 @@ class Subspace:
         found = np.zeros(answer.moved.shape[1])
         for (rows, _), strained in zip(self._places, self._strained, strict=True):
             found += np.einsum("ij,ij->j", answer.moved[rows], strained @ answer.moved[rows])
-        free = self.free(answer)
-        for spring, jump in zip(self.bodies.between, self._jumps, strict=True):
-            found += of_springs * (spring.stiffness @ (jump @ free) ** 2)
-        return np.abs(found)
+        free, between, rows = self.free(answer), self.bodies.between, self.bodies.rows
+        for spring, jump in zip(
+            between, jumps(between, [jump @ free for jump in self._jumps], rows), strict=True
+        ):
+            share = of_springs if spring.other is None else 0.5 * of_springs  # the other rank counts it, too
+            found += share * (spring.stiffness @ jump**2)
+        return np.abs(rows.sum(found))
 
     def free(self, answer: Answer) -> Array:
-        """The unknowns (fields, c) of an answer, without motions that are given."""
-        return np.concatenate([answer.moved[own] for _, own in self._places])
+        """The unknowns (fields, c) of an answer on this rank, without motions that are given."""
+        return np.concatenate([answer.moved[:0], *(answer.moved[own] for _, own in self._places)])
 
     def residual(self, core: Structure, answer: Answer) -> Array:
         """What an answer leaves of the equations of the bodies, (n, c); linear in the answer."""
@@ -405,9 +438,9 @@ class Subspace:
         for piece, product, (_, own) in zip(bodies.pieces, self.products, self._places, strict=True):
             out[piece.own] = piece.load @ answer.amplitudes - product @ answer.moved[own]
         for each in bodies.interfaces:
-            rows = core.first_rows(each["name"])
-            for first, trace in zip(rows, bodies.traces[each["name"]], strict=True):
-                out += trace.T @ answer.force[first : first + trace.shape[0]]
+            first = core.first_rows(each["name"])
+            for side, trace in bodies.traces[each["name"]].items():
+                out += trace.T @ answer.force[first[side] : first[side] + trace.shape[0]]
         return out
 
 
@@ -433,6 +466,8 @@ def _diagonal(blocks: list[sp.csr_matrix]) -> sp.csr_matrix:
     """Blocks on the diagonal of one matrix; SciPy's own way takes ten times its memory."""
     if len(blocks) == 1:
         return blocks[0]
+    if not blocks:
+        return sp.csr_matrix((0, 0))
     sizes = np.cumsum([0] + [block.shape[0] for block in blocks])
     counts = np.cumsum([0] + [block.nnz for block in blocks])
     starts = [block.indptr[1:].astype(np.int64) + count for block, count in zip(blocks, counts, strict=False)]
@@ -441,10 +476,3 @@ def _diagonal(blocks: list[sp.csr_matrix]) -> sp.csr_matrix:
     parts = (data, np.concatenate(columns), np.concatenate([[0], *starts]))
     return sp.csr_matrix(parts, shape=(sizes[-1], sizes[-1]))
 
-
-def _placed(matrix: sp.csr_matrix, columns: slice, size: int) -> sp.csr_matrix:
-    """A matrix whose columns are some of `size`."""
-    matrix = matrix.tocsr()
-    return sp.csr_matrix(
-        (matrix.data, matrix.indices + columns.start, matrix.indptr), shape=(matrix.shape[0], size)
-    )
