@@ -31,7 +31,17 @@ from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.rows import Rows, placed
 
-__all__ = ["PREFIX", "Coarse", "Multigrid", "Spring", "linear_shapes", "multiplied", "rigid_motions"]
+__all__ = [
+    "GLUE",
+    "PREFIX",
+    "Coarse",
+    "Multigrid",
+    "Spring",
+    "jumps",
+    "linear_shapes",
+    "multiplied",
+    "rigid_motions",
+]
 
 PETSc: Any = _PETSc  # its stubs know no members
 
@@ -39,6 +49,10 @@ PREFIX = "latin_body_"
 
 COARSE = 400_000
 """Unknowns up to which the coarse level is factorised; of more, multigrid goes on by aggregation."""
+
+GLUE = 1e8
+"""Stiffness of glue that stays active, over its search direction. The fields of a basis have to be joined, as the law
+lets nothing else pass: with 1e3 they are not (errors stay above 1e-5), from 1e6 to 1e10 they are."""
 
 _STEPS = 3
 """Of the smoother, before and after the coarse level."""
@@ -90,11 +104,25 @@ class Spring(NamedTuple):
         (rows,)
     other
         Rank whose unknowns are in the jumps as well; None: there is none.
+    glue
+        Whether they stand for glue, which has no energy of its own.
     """
 
     jump: sp.csr_matrix
     stiffness: Array
     other: int | None = None
+    glue: bool = False
+
+    def of_body(self, own: slice) -> Spring:
+        """What holds a body, some of the unknowns, when all others rest; glue no stiffer than a body, whose
+        digits it would take."""
+        stiffness = self.stiffness / GLUE if self.glue else self.stiffness
+        return Spring(self.jump[:, own], stiffness)
+
+    @property
+    def counted(self) -> float:
+        """Share of the energy that is counted on this rank: the other one counts it, too."""
+        return 0.0 if self.glue else 1.0 if self.other is None else 0.5
 
     def pull(self, jump: Array) -> Array:
         """Forces (n, c) of jumps (rows, c)."""

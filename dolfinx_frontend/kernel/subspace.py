@@ -32,6 +32,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.multigrid import (
+    GLUE,
     Multigrid,
     Spring,
     jumps,
@@ -201,24 +202,26 @@ class Bodies:
         return found
 
     def _spring(self, interface: Values) -> Spring:
-        """What an active interface is in the matrix: its stiffness, else its search direction."""
+        """What an active interface is in the matrix: its stiffness, stiff springs for glue, else its search
+        direction."""
         scene, traces = self.problem.interfaces[interface["name"]], self.traces[interface["name"]]
-        points = len(interface["weights"])
+        points, sides = len(interface["weights"]), interface["sides"]
         components = len(interface["frames"]) // points
         weights = np.repeat(interface["weights"], components)
-        sides = interface["sides"]
-        if not scene.law.springs:
+        glue = len(sides) == 2 and scene.law.prescribes == "jump"
+        if not (scene.law.springs or glue):
             stiff = np.concatenate([weights * sides[s]["direction"] for s in traces])
             return Spring(sp.vstack(list(traces.values()), format="csr"), stiff)
-        kappa = bridge.spring_stiffness(scene, components, self.floors).ravel()
-        if len(traces) == 2:
-            return Spring((traces[1] - traces[0]).tocsr(), weights * kappa)
-        jump = (traces[1] if 1 in traces else -traces[0]).tocsr()
-        if len(sides) == 1:
-            return Spring(jump, weights * kappa)
+        if glue:
+            kappa = GLUE * sides[next(iter(traces))]["direction"]
+        else:
+            kappa = bridge.spring_stiffness(scene, components, self.floors).ravel()
+        jump = sum(trace if side else -trace for side, trace in traces.items()).tocsr()
+        if len(traces) == 2 or len(sides) == 1:
+            return Spring(jump, weights * kappa, glue=glue)
         away = next(side["member"] for s, side in enumerate(sides) if s not in traces)
         assert self.problem.distribution is not None
-        return Spring(jump, weights * kappa, self.problem.distribution.owner[away])
+        return Spring(jump, weights * kappa, self.problem.distribution.owner[away], glue)
 
     # -- products ------------------------------------------------------------------------------
     def product(self, block: Array) -> Array:
@@ -265,10 +268,7 @@ class Subspace:
         """
         bodies = self.bodies
         block = np.array(block, order="F")
-        springs = [
-            [Spring(each.jump[:, piece.own], each.stiffness) for each in bodies.between]
-            for piece in bodies.pieces
-        ]
+        springs = [[each.of_body(piece.own) for each in bodies.between] for piece in bodies.pieces]
         taken = []
         for b, piece in enumerate(bodies.pieces):
             V, X = self.fields[b], block[piece.own]
@@ -423,8 +423,7 @@ class Subspace:
         for spring, jump in zip(
             between, jumps(between, [jump @ free for jump in self._jumps], rows), strict=True
         ):
-            share = of_springs if spring.other is None else 0.5 * of_springs  # the other rank counts it, too
-            found += share * (spring.stiffness @ jump**2)
+            found += of_springs * spring.counted * (spring.stiffness @ jump**2)
         return np.abs(rows.sum(found))
 
     def free(self, answer: Answer) -> Array:
