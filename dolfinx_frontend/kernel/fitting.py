@@ -215,7 +215,7 @@ def fitted(
     Raises
     ------
     SceneError
-        A law is nonlinear, or a stiffness of a part varies.
+        A law is nonlinear, a stiffness of a part varies, or glue is active between linear elements.
     NumericalError
         The cycles do not converge.
     """

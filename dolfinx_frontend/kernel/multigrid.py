@@ -5,8 +5,8 @@ the unknowns of quadratic ones in 3D, are factorised, and the rest is left to Ch
 matrix.  Where they are linear already, or where the coarse level is large, PETSc's GAMG is told the rigid
 motions.
 
-The matrix of the bodies is on the ranks that have them, and only springs are between ranks. What is factorised, or
-given to PETSc as a whole, is one matrix of all ranks.
+The matrix of the bodies is on the ranks that have them, and only springs are between ranks. What is
+factorised, or given to PETSc as a whole, is one matrix of all ranks.
 
 PETSc options with the prefix ``latin_body_`` replace any of it (``-latin_body_pc_type gamg``,
 ``-latin_body_mg_levels_ksp_max_it 2``).
@@ -50,9 +50,9 @@ PREFIX = "latin_body_"
 COARSE = 400_000
 """Unknowns up to which the coarse level is factorised; of more, multigrid goes on by aggregation."""
 
-GLUE = 1e8
-"""Stiffness of glue that stays active, over its search direction. The fields of a basis have to be joined, as the law
-lets nothing else pass: with 1e3 they are not (errors stay above 1e-5), from 1e6 to 1e10 they are."""
+GLUE = 1e6
+"""Stiffness of glue that stays active, over its search direction. The fields of a basis have to be joined, as
+the law lets nothing else pass: with 1e3 they are not (errors stay above 1e-5), with 1e5 to 1e7 they are."""
 
 _STEPS = 3
 """Of the smoother, before and after the coarse level."""
@@ -198,7 +198,9 @@ class Multigrid:
         coarse, rows = _with_touched(coarse, self.springs), self.rows
         prolongation = petsc_matrix(coarse.prolongation)
         below = _with_springs(
-            self.matrix.PtAP(prolongation), [each.seen_from(coarse.prolongation) for each in self.springs], rows
+            self.matrix.PtAP(prolongation),
+            [each.seen_from(coarse.prolongation) for each in self.springs],
+            rows,
         )
         below.setOption(PETSc.Mat.Option.SPD, True)
         defaults: dict[str, Any] = {"ksp_type": "preonly"}

@@ -106,7 +106,8 @@ class Bodies:
     Raises
     ------
     SceneError
-        The stiffness of a part varies, which a fixed basis does not know.
+        The stiffness of a part varies, which a fixed basis does not know; or glue is active between linear
+        elements.
     """
 
     def __init__(
@@ -151,7 +152,18 @@ class Bodies:
         self.rigid = rigid_motions(problem, prolongations, self.size, rows)
         if rows.any(shapes is None):
             shapes = None
+            self._check_glue()
         self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between, rows)
+
+    def _check_glue(self) -> None:
+        """Refuse what aggregation does not answer: the lower level has to know all that glue touches."""
+        own = [each["name"] for each, s in zip(self.interfaces, self.between, strict=True) if s.glue]
+        for name in (name for names in self.rows.every(own) for name in names):
+            raise SceneError(
+                f"interface {name!r}: glue that stays active, or lies between ranks, is answered by backend "
+                "'multigrid' on elements of degree 2 and higher only: give both of its parts the same rank=, or "
+                "take degree=2 or backend='cholmod'"
+            )
 
     # -- pieces --------------------------------------------------------------------------------
     def _add_body(self, values: Values, own: slice) -> sp.csr_matrix:

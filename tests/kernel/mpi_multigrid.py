@@ -7,6 +7,7 @@ has no part.
 from __future__ import annotations
 
 import faulthandler
+import re
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -24,13 +25,17 @@ from dolfinx_frontend import (
     Perfect,
     Resultant,
     Scene,
+    SceneError,
     assemble,
     discretisation_error,
     geometry,
+    make_plan,
     solve,
     sweep,
 )
+from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.kernel import multigrid, subspace
+from dolfinx_frontend.plan import plan as planning
 
 RTOL = 1e-10
 MULTIGRID, TIGHT = Options(backend="multigrid", rtol=RTOL), Options(rtol=1e-12)
@@ -79,10 +84,28 @@ def solutions() -> None:
         size = max(np.abs(u).max() for u in exact.displacements.values())
         for name, u in found.displacements.items():
             assert np.abs(u - exact.displacements[name]).max() <= 1e-9 * size, name
+    cost = WORLD.allreduce(make_plan(found.problem).cost.direct)
+    planning.available_memory = lambda: 0.9 * cost  # of all ranks together
+    choice = {line.what: line for line in make_plan(found.problem).decisions}
+    planning.available_memory = available_memory
+    assert f"for {WORLD.size} ranks on a machine" in str(choice.get("bodies", choice.get("memory"))), choice
     wanted = Resultant("middle", "force")
     bounds = [discretisation_error(each, wanted).bound for each in (exact, found)]
     assert abs(bounds[1] - bounds[0]) <= 1e-4 * bounds[0], bounds
 
+
+    torn = solve(stack(WORLD, JOINT, apart=True), options=MULTIGRID.with_(rtol=1e-6))
+    exact = solve(stack(MPI.COMM_SELF, JOINT), options=TIGHT)
+    assert torn.converged
+    for name, u in torn.displacements.items():
+        near(u, exact.displacements[name], 1e-6)
+    refused = "glue.*'multigrid' on elements of degree 2"
+    try:
+        solve(stack(WORLD, JOINT, degree=1, apart=True), options=MULTIGRID)
+    except SceneError as error:
+        assert re.search(refused, str(error)), error
+    else:
+        raise AssertionError(refused)
 
     random = Elastic(normal=LogNormal("n", 5e3, cov=0.2), tangential=LogNormal("t", 2e3, cov=0.1))
     alone, spread = stack(MPI.COMM_SELF, random), stack(WORLD, random)

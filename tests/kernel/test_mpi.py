@@ -171,3 +171,10 @@ def test_a_rank_that_cannot_mesh_its_part_again_ends_all() -> None:
     holds(2, "failed together on rank", "mpi_meshes.py", "fail")
     run = launch(2, "mpi_meshes.py", "kill")
     assert run.returncode != 0 and "signal 9" in (run.stdout + run.stderr).lower()
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_multigrid_over_ranks_has_the_answers_of_factors_and_fails_together(ranks: int) -> None:
+    """With three ranks one has no part."""
+    said = tuple(f"{what} on rank" for what in ("same solutions", "same points", "failed together"))
+    holds(ranks, said, "mpi_multigrid.py", "solve", "points", "fail")
