@@ -375,8 +375,8 @@ def agreement(comm: Any, call: str = "") -> Iterator[None]:
 def meeting_often(comm: Any) -> Iterator[None]:
     """Work in which the ranks meet again and again: a rank that fails tells the others where they meet next.
 
-    All that communicates in it has to begin with a meeting (:func:`exchanged`, :func:`agreement`). What fails on
-    all ranks has to do so at the same place. Without a communicator nothing is added.
+    All that communicates in it has to begin with a meeting (:func:`exchanged`, :func:`agreement`). What fails
+    on all ranks has to do so at the same place. Without a communicator nothing is added.
     """
     try:
         yield

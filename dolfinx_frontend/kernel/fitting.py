@@ -614,8 +614,8 @@ def _grown(
         if not whole or not points:
             return solver, scatter, underestimated, whole
         if own.options.scatter and len(points) > 2:
-            moved, rows = np.hstack(check.moved), solver.space.bodies.rows
-            scatter = min(scatter, _scatter(moved, own.amplitudes.shape[1], rows))
+            moved, columns = np.hstack(check.moved), own.amplitudes.shape[1]
+            scatter = min(scatter, _scatter(moved, columns, check.space.bodies.rows))
         left = rounds.left(check.found)
         _log.info("multigrid round: %d fields, error %s", check.space.count, shown_error(left))
         if rounds.several and left <= own.goal * scatter:

@@ -116,8 +116,7 @@ class Spring(NamedTuple):
     def of_body(self, own: slice) -> Spring:
         """What holds a body, some of the unknowns, when all others rest; glue no stiffer than a body, whose
         digits it would take."""
-        stiffness = self.stiffness / GLUE if self.glue else self.stiffness
-        return Spring(self.jump[:, own], stiffness)
+        return Spring(self.jump[:, own], self.stiffness / (GLUE if self.glue else 1.0))
 
     @property
     def counted(self) -> float:

@@ -1,7 +1,7 @@
-"""Blocks of columns whose rows are spread over the ranks of a problem, every rank with those of its own bodies.
+"""Blocks of columns whose rows are spread over the ranks of a problem, every rank with those of its bodies.
 
-What a method on such blocks has to tell the other ranks: sums over all rows, jumps between bodies of two ranks,
-decisions. On one rank all of it is the identity.
+What a method on such blocks has to tell the other ranks: sums over all rows, jumps between bodies of two
+ranks, decisions. On one rank all of it is the identity.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Rows:
         return own if self.comm is None else float(np.linalg.norm(self.every(own)))
 
     def triangle(self, block: Array) -> Array:
-        """A block with the singular values, and the singular vectors on the right, of the rows of all ranks."""
+        """A block with the singular values, and vectors on the right, of the rows of all ranks."""
         if self.comm is None:
             return block
         return np.vstack(self.every(np.linalg.qr(block, mode="r")))
@@ -106,9 +106,9 @@ class Rows:
             requests.append(self.comm.Irecv(arrived[other], source=other, tag=_TAG))
             requests.append(self.comm.Isend(own, dest=other, tag=_TAG))
         MPI.Request.Waitall(requests)
-        for k, other in enumerate(others):
-            if other is not None:
-                rest, arrived[other] = np.split(arrived[other], [found[k].size])
+        for k, rank in enumerate(others):
+            if rank is not None:
+                rest, arrived[rank] = np.split(arrived[rank], [found[k].size])
                 found[k] = found[k] + rest.reshape(found[k].shape)
         return found
 

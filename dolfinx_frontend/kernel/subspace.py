@@ -161,8 +161,8 @@ class Bodies:
         for name in (name for names in self.rows.every(own) for name in names):
             raise SceneError(
                 f"interface {name!r}: glue that stays active, or lies between ranks, is answered by backend "
-                "'multigrid' on elements of degree 2 and higher only: give both of its parts the same rank=, or "
-                "take degree=2 or backend='cholmod'"
+                "'multigrid' on elements of degree 2 and higher only: give both of its parts the same rank=, "
+                "or take degree=2 or backend='cholmod'"
             )
 
     # -- pieces --------------------------------------------------------------------------------
@@ -431,12 +431,11 @@ class Subspace:
         found = np.zeros(answer.moved.shape[1])
         for (rows, _), strained in zip(self._places, self._strained, strict=True):
             found += np.einsum("ij,ij->j", answer.moved[rows], strained @ answer.moved[rows])
-        free, between, rows = self.free(answer), self.bodies.between, self.bodies.rows
-        for spring, jump in zip(
-            between, jumps(between, [jump @ free for jump in self._jumps], rows), strict=True
-        ):
+        free, between = self.free(answer), self.bodies.between
+        own = [jump @ free for jump in self._jumps]
+        for spring, jump in zip(between, jumps(between, own, self.bodies.rows), strict=True):
             found += of_springs * spring.counted * (spring.stiffness @ jump**2)
-        return np.abs(rows.sum(found))
+        return np.abs(self.bodies.rows.sum(found))
 
     def free(self, answer: Answer) -> Array:
         """The unknowns (fields, c) of an answer on this rank, without motions that are given."""
@@ -486,4 +485,3 @@ def _diagonal(blocks: list[sp.csr_matrix]) -> sp.csr_matrix:
     data = np.concatenate([block.data for block in blocks])
     parts = (data, np.concatenate(columns), np.concatenate([[0], *starts]))
     return sp.csr_matrix(parts, shape=(sizes[-1], sizes[-1]))
-

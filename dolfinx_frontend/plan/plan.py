@@ -660,10 +660,9 @@ def _needed(problem: Problem, cost: Cost) -> tuple[float, float, float, str]:
     if problem.comm is None:
         return cost.direct, cost.multigrid, free, ""
     machines: dict[str, list[tuple[float, float, float]]] = {}
-    for name, *bytes_of_rank in exchanged(
-        problem.comm, (MPI.Get_processor_name(), cost.direct, cost.multigrid, free)
-    ):
-        machines.setdefault(name, []).append(tuple(bytes_of_rank))
+    mine = MPI.Get_processor_name(), (cost.direct, cost.multigrid, free)
+    for name, of_rank in exchanged(problem.comm, mine):
+        machines.setdefault(name, []).append(of_rank)
     sums = []
     for every in machines.values():
         direct, multigrid, left = zip(*every, strict=True)
