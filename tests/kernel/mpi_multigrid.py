@@ -160,8 +160,8 @@ def failures() -> None:
     )  # in turn
     places = (
         (subspace.Bodies, "_add_body", 1),
-        (subspace.Subspace, "with_fields", 3),
         (fitting._Check, "answer", 2),
+        (subspace.Subspace, "with_fields", 3),
         (subspace.Subspace, "residual", 1),
         (multigrid._Levels, "_smooth", 4),
         (multigrid._Levels, "energies", 2),
