@@ -215,7 +215,7 @@ def fitted(
     Raises
     ------
     SceneError
-        A law is nonlinear, a stiffness of a part varies, or glue is active between linear elements.
+        A law is nonlinear, a stiffness of a part varies, or glue is active that the rounds do not answer.
     NumericalError
         The cycles do not converge.
     """

@@ -116,7 +116,7 @@ class Spring(NamedTuple):
     def of_body(self, own: slice) -> Spring:
         """What holds a body, some of the unknowns, when all others rest; glue no stiffer than a body, whose
         digits it would take."""
-        stiffness: Array = self.stiffness / (GLUE if self.glue else 1.0)
+        stiffness = np.asarray(self.stiffness / (GLUE if self.glue else 1.0), dtype=np.float64)
         return Spring(self.jump[:, own], stiffness)
 
     @property

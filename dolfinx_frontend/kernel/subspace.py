@@ -106,8 +106,8 @@ class Bodies:
     Raises
     ------
     SceneError
-        The stiffness of a part varies, which a fixed basis does not know; or glue is active between linear
-        elements.
+        The stiffness of a part varies, which a fixed basis does not know; or glue is active at several
+        interfaces, or between linear elements.
     """
 
     def __init__(
@@ -152,17 +152,19 @@ class Bodies:
         self.rigid = rigid_motions(problem, prolongations, self.size, rows)
         if rows.any(shapes is None):
             shapes = None
-            self._check_glue()
+        self._check_glue(shapes is None)
         self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between, rows)
 
-    def _check_glue(self) -> None:
-        """Refuse what aggregation does not answer: the lower level has to know all that glue touches."""
+    def _check_glue(self, linear: bool) -> None:
+        """Refuse glue whose rounds do not converge: at several interfaces, or by aggregation, whose lower level
+        does not know all that glue touches."""
         own = [each["name"] for each, s in zip(self.interfaces, self.between, strict=True) if s.glue]
-        for name in (name for names in self.rows.every(own) for name in names):
+        names = list(dict.fromkeys(name for of_rank in self.rows.every(own) for name in of_rank))
+        if len(names) > 1 or (names and linear):
             raise SceneError(
-                f"interface {name!r}: glue that stays active, or lies between ranks, is answered by backend "
-                "'multigrid' on elements of degree 2 and higher only: give both of its parts the same rank=, "
-                "or take degree=2 or backend='cholmod'"
+                f"interface {names[0]!r}: glue that stays active, or lies between ranks, is answered by backend "
+                "'multigrid' at one interface, between elements of degree 2 and higher; it is active at "
+                f"{', '.join(names)}: give both of its parts the same rank=, or take backend='cholmod'"
             )
 
     # -- pieces --------------------------------------------------------------------------------
