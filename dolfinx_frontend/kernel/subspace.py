@@ -156,14 +156,14 @@ class Bodies:
         self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between, rows)
 
     def _check_glue(self, linear: bool) -> None:
-        """Refuse glue whose rounds do not converge: at several interfaces, or by aggregation, whose lower level
-        does not know all that glue touches."""
+        """Refuse glue whose rounds do not converge: at several interfaces, or by aggregation, whose lower
+        level does not know all that glue touches."""
         own = [each["name"] for each, s in zip(self.interfaces, self.between, strict=True) if s.glue]
         names = list(dict.fromkeys(name for of_rank in self.rows.every(own) for name in of_rank))
         if len(names) > 1 or (names and linear):
             raise SceneError(
-                f"interface {names[0]!r}: glue that stays active, or lies between ranks, is answered by backend "
-                "'multigrid' at one interface, between elements of degree 2 and higher; it is active at "
+                f"interface {names[0]!r}: glue that stays active, or lies between ranks, is answered by "
+                "backend 'multigrid' at one interface, between elements of degree 2 and higher; it is active at "
                 f"{', '.join(names)}: give both of its parts the same rank=, or take backend='cholmod'"
             )
 
