@@ -163,8 +163,8 @@ class Bodies:
         if len(names) > 1 or (names and linear):
             raise SceneError(
                 f"interface {names[0]!r}: glue that stays active, or lies between ranks, is answered by "
-                "backend 'multigrid' at one interface, between elements of degree 2 and higher; it is active at "
-                f"{', '.join(names)}: give both of its parts the same rank=, or take backend='cholmod'"
+                "backend 'multigrid' at one interface, between elements of degree 2 and higher; it is active "
+                f"at {', '.join(names)}: give both of its parts the same rank=, or take backend='cholmod'"
             )
 
     # -- pieces --------------------------------------------------------------------------------
