@@ -132,6 +132,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "bridge",
         "running",
         "columns",
+        "rows",
         "multigrid",
         "subspace",
         "parts_checkpoint",

@@ -33,8 +33,9 @@ DIGITS = 1e3 * EPS
 """Rounding, and the size relative to coordinates below which a length has fewer than three digits."""
 
 
-def petsc_matrix(matrix: sp.csr_matrix) -> Any:
-    """Sequential PETSc AIJ matrix of a SciPy one (copied)."""
+def petsc_matrix(matrix: sp.csr_matrix, sizes: Any = None, comm: Any = PETSc.COMM_SELF) -> Any:
+    """PETSc AIJ matrix of a SciPy one (copied): sequential, or of all ranks, which each give their rows; then
+    with the sizes that PETSc takes."""
     matrix = matrix.tocsr()
     matrix.sort_indices()
     data = (  # PETSc copies
@@ -42,7 +43,7 @@ def petsc_matrix(matrix: sp.csr_matrix) -> Any:
         matrix.indices.astype(PETSc.IntType, copy=False),
         matrix.data.astype(np.float64, copy=False),
     )
-    out = PETSc.Mat().createAIJ(matrix.shape, csr=data, comm=PETSc.COMM_SELF)
+    out = PETSc.Mat().createAIJ(sizes or matrix.shape, csr=data, comm=comm)
     out.assemble()
     return out
 

@@ -38,6 +38,7 @@ __all__ = [
     "check_alike",
     "end_all_on_errors",
     "exchanged",
+    "meeting_often",
     "one_call",
     "own_communicator",
     "place",
@@ -47,6 +48,7 @@ __all__ = [
 
 P = ParamSpec("P")
 T = TypeVar("T")
+E = TypeVar("E", bound=BaseException)
 _TAG = 20041
 _NOT_THERE = "not there"
 
@@ -234,11 +236,20 @@ def _meet(comm: Any, call: str, content: T, failure: str | None = None) -> list[
     if failure is None:
         for rank, (_, _, message) in enumerate(every):
             if message is not None:
-                raise SceneError(f"rank {rank} failed: {message}")
+                raise _known_to_all(SceneError(f"rank {rank} failed: {message}"))
     return [(other, said) for other, said, _ in every]
 
 
-def _reason(error: Exception) -> str:
+_KNOWN_TO_ALL = "known_to_all_ranks"
+
+
+def _known_to_all(error: E) -> E:
+    """An error that no rank has to be told any more."""
+    setattr(error, _KNOWN_TO_ALL, True)
+    return error
+
+
+def _reason(error: BaseException) -> str:
     return str(error) if isinstance(error, SceneError) else f"{type(error).__name__}: {error}"
 
 
@@ -351,13 +362,29 @@ def agreement(comm: Any, call: str = "") -> Iterator[None]:
         own = error
     every = _meet(comm, call, None, None if own is None else _reason(own))
     if own is not None:
-        raise own
+        raise _known_to_all(own)
     for rank, (other, _) in enumerate(every):
         if other != every[0][0]:
             raise SceneError(
                 f"rank 0 asks for {every[0][0]}, rank {rank} for {other}: all ranks must make the same calls "
                 "in the same order"
             )
+
+
+@contextmanager
+def meeting_often(comm: Any) -> Iterator[None]:
+    """Work in which the ranks meet again and again: a rank that fails tells the others where they meet next.
+
+    All that communicates in it has to begin with a meeting (:func:`exchanged`, :func:`agreement`). What fails
+    on all ranks has to do so at the same place. Without a communicator nothing is added.
+    """
+    try:
+        yield
+    except BaseException as error:
+        if comm is not None and not getattr(error, _KNOWN_TO_ALL, False):
+            _known_to_all(error)
+            _meet(comm, "", None, _reason(error))
+        raise
 
 
 def swap(comm: Any, outgoing: Mapping[int, Mapping[Any, T]]) -> dict[Any, T]:

@@ -22,11 +22,13 @@ from latin_core import (
 from latin_core.sweep import Solved
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, meeting_often
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.rows import Rows
 from dolfinx_frontend.kernel.solver import OfWalk, Solver, locked
 from dolfinx_frontend.kernel.spread import PointRanks
 from dolfinx_frontend.kernel.subspace import Answer, Bodies, Subspace
@@ -77,9 +79,8 @@ def _check(problem: Problem, plan: Plan) -> None:
     Raises
     ------
     SceneError
-        A law is nonlinear, or there are several ranks.
+        A law is nonlinear.
     """
-    problem.on_one_rank("backend 'multigrid'")
     for name in plan.active:
         if not problem.interfaces[name].law.superposes:
             raise SceneError(
@@ -97,8 +98,9 @@ def _begun(
 ) -> Subspace:
     """The basis of rigid motions and loads."""
     began = perf_counter()
-    bodies = Bodies(problem, description, floors)
-    space = Subspace.of(bodies)
+    with meeting_often(problem.comm):
+        bodies = Bodies(problem, description, floors)
+        space = Subspace.of(bodies)
     text = "multigrid of %d unknowns (%s), %.2f s"
     _log.info(text, bodies.size, bodies.multigrid.kind, perf_counter() - began)
     return space
@@ -213,19 +215,31 @@ def fitted(
     Raises
     ------
     SceneError
-        A law is nonlinear, a stiffness of a part varies, or there are several ranks.
+        A law is nonlinear, a stiffness of a part varies, or glue is active that the rounds do not answer.
     NumericalError
         The cycles do not converge.
     """
     _check(problem, plan)
-    description = bridge.describe(problem, plan)
-    space = _begun(problem, plan, description if loads is None else _with_pattern(description, loads))
+    with agreement(problem.comm):
+        description = bridge.describe(problem, plan)
+        if loads is not None:
+            description = _with_pattern(description, loads)
+    with meeting_often(problem.comm):
+        return _fitted(_begun(problem, plan, description), plan, applied, amplitudes, means)
+
+
+def _fitted(
+    space: Subspace, plan: Plan, applied: Callable[[Laws], Laws], amplitudes: Array, means: int
+) -> tuple[Solver, list[State]]:
+    """As :func:`fitted`, from the basis of rigid motions and loads."""
+    problem = space.bodies.problem
     goal, left = SHARE * plan.options.rtol, 0.1
     rounds = _Rounds(goal, [1.0])
     start: list[State] = []
     while True:
         solver = Solver(problem, plan, space=space)
-        laws = applied(solver.laws)
+        with agreement(problem.comm):
+            laws = applied(solver.laws)
         loose = plan.options.with_(rtol=float(np.clip(0.02 * left, 0.2 * goal, 0.01)))
         summary, state = solver.run(laws, loose, amplitudes, start, progress=False)
         answer = solver.in_basis(laws, state, amplitudes)
@@ -241,7 +255,7 @@ def fitted(
 
 def _corrections(space: Subspace, residual: Array, energies: Array, means: int) -> tuple[float, Array]:
     """The estimated relative error of an answer, and fields (n, few) that take most of it away."""
-    bodies = space.bodies
+    bodies, rows = space.bodies, space.bodies.rows
     groups = [slice(0, means), slice(means, len(energies))]
     sizes = np.array([energies[group].sum() for group in groups])
     sizes = np.maximum(sizes, FAINT**2 * sizes.max())
@@ -250,16 +264,16 @@ def _corrections(space: Subspace, residual: Array, energies: Array, means: int) 
     for group, size in zip(groups, sizes, strict=True):
         residual[:, group] /= np.sqrt(size)
     gram = bodies.multigrid.energies(residual)
-    values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
+    values, vectors = rows.told(np.linalg.eigh(0.5 * (gram + gram.T)))
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     rest = values.sum() - np.cumsum(values)
     count = 1 + int(np.argmax(rest <= NEGLIGIBLE * values.sum()))
     chosen = vectors[:, :count]
     forces = residual @ chosen
     fields = bodies.multigrid.cycle(forces)
-    energy = chosen @ (forces.T @ fields) @ chosen.T
+    energy = chosen @ rows.dot(forces, fields) @ chosen.T
     squares = np.diag(energy) * (values.sum() / max(values[:count].sum(), np.finfo(float).tiny))
-    return float(np.sqrt(max(abs(squares[group].sum()) for group in groups))), fields
+    return rows.told(float(np.sqrt(max(abs(squares[group].sum()) for group in groups)))), fields
 
 
 # --- many points ----------------------------------------------------------------------------------
@@ -287,18 +301,19 @@ def solver_of(
     if plan.options.backend != "multigrid":
         return Solver(problem, plan, before)
     _check(problem, plan)
-    floors = _floors(problem, parameters)
-    return Solver(problem, plan, space=_begun(problem, plan, bridge.describe(problem, plan), floors))
+    with agreement(problem.comm):
+        floors, description = _floors(problem, parameters), bridge.describe(problem, plan)
+    return Solver(problem, plan, space=_begun(problem, plan, description, floors))
 
 
 def _floors(problem: Problem, parameters: Sequence[SweptParameter]) -> dict[tuple[str, str], Array]:
-    """The softest of all swept springs, point by point of their interfaces.
+    """The softest of all swept springs of this rank, point by point of their interfaces.
 
     With them errors are measured from above: r^T A^-1 r falls with the stiffness of A.
     """
     found = {}
     for each in parameters:
-        interface = problem.interfaces.get(each.interface)
+        interface = problem.own.interfaces.get(each.interface)
         if interface is None or each.parameter not in interface.law.spans:
             continue
         softest, stiffest = np.inf, 0.0
@@ -325,7 +340,7 @@ def _softer(space: Subspace, parameters: Sequence[SweptParameter]) -> float:
             own = interface.law.stiffnesses(interface)[:, interface.law.spans[name[1]]].min(axis=1)
         own = np.maximum(own, np.finfo(float).tiny)
         largest = max(largest, float(np.max(own / floor)), float(np.max(floor / own)) / RANGE)
-    return largest
+    return max(space.bodies.rows.every(largest))
 
 
 class _Check:
@@ -366,6 +381,10 @@ class _Check:
 
     def __call__(self, solved: Sequence[Solved]) -> Sequence[float]:
         """Errors that the basis leaves in points; NaN where they are above the goal."""
+        with meeting_often(self.solver.problem.comm):
+            return self._checked(solved)
+
+    def _checked(self, solved: Sequence[Solved]) -> Sequence[float]:
         whole = _beside([self.answer(each) for each in solved])
         if self._tries:
             self.moved.append(self.space.free(whole))
@@ -385,7 +404,8 @@ class _Check:
         size = energies.max(initial=0.0)
         scale = np.sqrt(np.maximum(energies, FAINT**2 * size)) if size > 0.0 else np.ones(len(energies))
         per_column = np.repeat(scale, columns)
-        few, shares = _few(Answer(*(block / per_column for block in whole)), EXACT * self._goal)
+        rows = self.space.bodies.rows
+        few, shares = _few(Answer(*(block / per_column for block in whole)), EXACT * self._goal, rows)
         return self._measured(self.solver.residual(few), shares, columns)
 
     def answer(self, solved: Solved) -> Answer:
@@ -404,11 +424,11 @@ class _Check:
         residual
             (n, few), of which every point has its `shares` (few, points * columns).
         """
-        multigrid = self.space.bodies.multigrid
+        multigrid, rows = self.space.bodies.multigrid, self.space.bodies.rows
         gram = multigrid.energies(residual)
         values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
         energetic = (np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T) @ shares
-        _, sizes, right = np.linalg.svd(energetic, full_matrices=False)
+        sizes, right = rows.told(np.linalg.svd(energetic, full_matrices=False)[1:])
         squares = ((sizes[:, None] * right) ** 2).reshape(len(sizes), -1, columns).sum(axis=2)
         # rows: what is left by the directions before
         rest = np.vstack([np.cumsum(squares[::-1], axis=0)[::-1], np.zeros(squares.shape[1])])
@@ -416,14 +436,14 @@ class _Check:
         count = max(1, int(np.argmax(np.all(rest <= NEGLIGIBLE * least, axis=1))))
         forces = residual @ (shares @ right[:count].T)
         fields = multigrid.cycle(forces)
-        energy = forces.T @ fields
+        energy = rows.dot(forces, fields)
         energy = 0.5 * (energy + energy.T)
         own = right[:count]
         of_chosen = np.einsum("ic,ij,jc->c", own, energy, own).reshape(-1, columns).sum(axis=1)
         unit = np.maximum(sizes[:count], np.finfo(float).tiny)
         factor = max(float(np.linalg.eigvalsh(energy / np.outer(unit, unit))[-1]), 0.0)
         found: Array = np.sqrt(np.maximum(of_chosen, 0.0)) + np.sqrt(factor * rest[count])
-        return found, fields
+        return rows.told(found), fields
 
 
 def _beside(answers: Sequence[Answer]) -> Answer:
@@ -431,20 +451,20 @@ def _beside(answers: Sequence[Answer]) -> Answer:
     return Answer(*(np.hstack(blocks) for blocks in zip(*answers, strict=True)))
 
 
-def _few(answer: Answer, tolerance: float) -> tuple[Answer, Array]:
+def _few(answer: Answer, tolerance: float, rows: Rows) -> tuple[Answer, Array]:
     """Answers of which others are combinations, and their shares (few, columns) in each."""
-    blocks, factors = [], []
-    for block in answer:
-        size = float(np.linalg.norm(block))
-        factors.append(size if size > 0.0 else 1.0)
-        blocks.append(block / factors[-1])
-    left, sizes, right = np.linalg.svd(np.vstack(blocks), full_matrices=False)
+    factors = [rows.norm(block) for block in (answer.moved, answer.force)]
+    factors = [size if size > 0.0 else 1.0 for size in [*factors, float(np.linalg.norm(answer.amplitudes))]]
+    whole = np.vstack([block / size for block, size in zip(answer, factors, strict=True)])
+    ends = np.cumsum([len(block) for block in answer])
+    # all ranks have the amplitudes
+    counted = whole if rows.rank == 0 else whole[: ends[1]]
+    _, sizes, right = rows.told(np.linalg.svd(rows.triangle(counted), full_matrices=False))
     sizes[:1] = np.maximum(sizes[:1], np.finfo(float).tiny)
     kept = sizes > tolerance * sizes.max(initial=0.0) / np.sqrt(max(answer.moved.shape[1], 1))
-    left = left[:, kept] * sizes[kept]
-    ends = np.cumsum([len(block) for block in blocks])[:-1]
-    parts = (part * factor for part, factor in zip(np.split(left, ends), factors, strict=True))
-    return Answer(*(np.asfortranarray(part) for part in parts)), right[kept]
+    shares = right[kept]
+    parts = np.split(whole @ shares.T, ends[:-1])
+    return Answer(*(np.asfortranarray(part * f) for part, f in zip(parts, factors, strict=True))), shares
 
 
 class _Walk(NamedTuple):
@@ -528,7 +548,8 @@ def walked(
         )
     half = options.with_(rtol=(1.0 - SHARE) * options.rtol)
     own = _Walk(amplitudes, parameters, half, SHARE * options.rtol, more.get("callback"))
-    return _walked_in_basis(solver, own, order, checkpoint, more)
+    with meeting_often(solver.problem.comm):
+        return _walked_in_basis(solver, own, order, checkpoint, more)
 
 
 @alone
@@ -593,7 +614,8 @@ def _grown(
         if not whole or not points:
             return solver, scatter, underestimated, whole
         if own.options.scatter and len(points) > 2:
-            scatter = min(scatter, _scatter(np.hstack(check.moved), own.amplitudes.shape[1]))
+            moved, columns = np.hstack(check.moved), own.amplitudes.shape[1]
+            scatter = min(scatter, _scatter(moved, columns, check.space.bodies.rows))
         left = rounds.left(check.found)
         _log.info("multigrid round: %d fields, error %s", check.space.count, shown_error(left))
         if rounds.several and left <= own.goal * scatter:
@@ -603,13 +625,13 @@ def _grown(
         solver = Solver(solver.problem, solver.plan, space=space)
 
 
-def _scatter(moved: Array, columns: int) -> float:
+def _scatter(moved: Array, columns: int, rows: Rows) -> float:
     """What points differ by, relative to their energy; the fields of a basis are orthonormal in energy."""
-    by_point = moved.T.reshape(-1, columns * len(moved))
+    by_point = moved.T.reshape(moved.shape[1] // columns, columns * len(moved))
     mean = by_point.mean(axis=0)
-    size = float(np.sum(mean**2))
-    away = float(np.sum((by_point - mean) ** 2)) / len(by_point)
-    return float(np.clip(np.sqrt(away / size), FAINT, 1.0)) if size > 0.0 else 1.0
+    squares = np.array([np.sum(mean**2), np.sum((by_point - mean) ** 2)])
+    size, away = rows.sum(squares)
+    return float(np.clip(np.sqrt(away / len(by_point) / size), FAINT, 1.0)) if size > 0.0 else 1.0
 
 
 class _Pairs:
@@ -641,6 +663,12 @@ def sloped(solver: Solver, amplitudes: Array, parameters: Sequence[SweptParamete
     """
     if solver.space is None or not parameters:
         return solver
+    with meeting_often(solver.problem.comm):
+        return _sloped(solver, amplitudes, parameters)
+
+
+def _sloped(solver: Solver, amplitudes: Array, parameters: Sequence[SweptParameter]) -> Solver:
+    """As :func:`sloped`, by a solver with a basis."""
     options = solver.plan.options
     goal = SHARE * options.rtol
     own = _Walk(amplitudes, parameters, options.with_(rtol=TIGHT, scatter=False), goal, None)

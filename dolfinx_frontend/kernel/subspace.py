@@ -10,6 +10,8 @@ unknowns. What its answer leaves of the equations of the body itself,
 says how good the basis is, and one cycle of multigrid on the columns of r that matter says what to add to it:
 a block Krylov method whose projected problem, with all its laws and columns, the kernel solves. In the energy
 norm the answer is the best one in the basis.
+
+Over ranks, every rank has the basis of its own bodies; the blocks of multigrid have the rows of its bodies.
 """
 
 from __future__ import annotations
@@ -25,10 +27,20 @@ from latin_core import Laws, State, Structure
 
 from dolfinx_frontend.assembly.elements import csr, petsc_matrix
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.multigrid import Multigrid, Spring, linear_shapes, multiplied, rigid_motions
+from dolfinx_frontend.kernel.multigrid import (
+    GLUE,
+    Multigrid,
+    Spring,
+    jumps,
+    linear_shapes,
+    multiplied,
+    rigid_motions,
+)
+from dolfinx_frontend.kernel.rows import Rows, placed
 
 __all__ = ["Answer", "Bodies", "Subspace"]
 
@@ -80,12 +92,12 @@ class Answer(NamedTuple):
 
 
 class Bodies:
-    """All bodies of a description, as one multigrid problem.
+    """All bodies of a description, as one multigrid problem; over ranks, those of this rank.
 
     Parameters
     ----------
     problem
-        Assembled scene, on one rank.
+        Assembled scene.
     described
         What the kernel is given of them.
     floors
@@ -94,7 +106,8 @@ class Bodies:
     Raises
     ------
     SceneError
-        The stiffness of a part varies, which a fixed basis does not know.
+        The stiffness of a part varies, which a fixed basis does not know; or glue is active at several
+        interfaces, or between linear elements.
     """
 
     def __init__(
@@ -105,34 +118,54 @@ class Bodies:
     ) -> None:
         self.problem, self.described, self.floors = problem, described, floors or {}
         self.interfaces = interfaces = described.interfaces
+        self.rows = rows = Rows(problem.comm)
+        rows.tidy()
         bodies = described.bodies
         sizes = np.cumsum([0] + [each["size"] for each in bodies])
         self.size = int(sizes[-1])
-        self.loads = bodies[0]["members"][0]["load"].shape[1]
         self.place = {
             member["name"]: (b, member) for b, each in enumerate(bodies) for member in each["members"]
         }
+        heads = {part: bodies[b]["members"][0]["name"] for part, (b, _) in self.place.items()}
+        loads = [each["members"][0]["load"].shape[1] for each in bodies]
+        every = rows.every((loads, heads))
+        self.loads = max(count for counts, _ in every for count in counts)
+        self.heads = {part: head for _, of_rank in every for part, head in of_rank.items()}
         self.pieces: list[_Piece] = []
-        blocks = []
-        for each, first, last in zip(bodies, sizes, sizes[1:], strict=False):
-            blocks.append(self._add_body(each, slice(int(first), int(last))))
-        matrix = _diagonal(blocks)
-        del blocks
-        self.traces = {
-            each["name"]: [self._trace(each, side) for side in each["sides"]] for each in interfaces
-        }
-        self.between = [self._spring(each) for each in interfaces]
-        matrix.eliminate_zeros()
-        self.matrix = petsc_matrix(matrix)
-        del matrix
-        prolongations = {
-            member["name"]: _placed(member["prolongation"], piece.own, self.size)
-            for piece in self.pieces
-            for member in piece.values["members"]
-        }
-        self.rigid = rigid_motions(problem, prolongations)
-        shapes = linear_shapes(problem, prolongations)
-        self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between)
+        with agreement(problem.comm):
+            blocks = []
+            for each, first, last in zip(bodies, sizes, sizes[1:], strict=False):
+                blocks.append(self._add_body(each, slice(int(first), int(last))))
+            matrix = _diagonal(blocks)
+            del blocks
+            self.traces = {each["name"]: self._traces(each) for each in interfaces}
+            self.between = [self._spring(each) for each in interfaces]
+            matrix.eliminate_zeros()
+            self.matrix = petsc_matrix(matrix)
+            del matrix
+            prolongations = {
+                member["name"]: placed(member["prolongation"], piece.own.start, self.size)
+                for piece in self.pieces
+                for member in piece.values["members"]
+            }
+            shapes = linear_shapes(problem, prolongations, self.size)
+        self.rigid = rigid_motions(problem, prolongations, self.size, rows)
+        if rows.any(shapes is None):
+            shapes = None
+        self._check_glue(shapes is None)
+        self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between, rows)
+
+    def _check_glue(self, linear: bool) -> None:
+        """Refuse glue whose rounds do not converge: at several interfaces, or by aggregation, whose lower
+        level does not know all that glue touches."""
+        own = [each["name"] for each, s in zip(self.interfaces, self.between, strict=True) if s.glue]
+        names = list(dict.fromkeys(name for of_rank in self.rows.every(own) for name in of_rank))
+        if len(names) > 1 or (names and linear):
+            raise SceneError(
+                f"interface {names[0]!r}: glue that stays active, or lies between ranks, is answered by "
+                "backend 'multigrid' at one interface, between elements of degree 2 and higher; it is active "
+                f"at {', '.join(names)}: give both of its parts the same rank=, or take backend='cholmod'"
+            )
 
     # -- pieces --------------------------------------------------------------------------------
     def _add_body(self, values: Values, own: slice) -> sp.csr_matrix:
@@ -171,25 +204,38 @@ class Bodies:
         self.pieces.append(_Piece(own, values, load, reaction, energy))
         return total.tocsr()
 
-    def _trace(self, interface: Values, side: Values) -> sp.csr_matrix:
-        """Local trace (rows, n) of a side on the unknowns of all bodies."""
-        body, member = self.place[side["member"]]
-        trace = _local(interface["frames"], len(interface["weights"]), side["trace"]) @ member["prolongation"]
-        return _placed(trace, self.pieces[body].own, self.size)
+    def _traces(self, interface: Values) -> dict[int, sp.csr_matrix]:
+        """Side on this rank -> its local trace (rows, n) on the unknowns of all bodies."""
+        found = {}
+        for number, side in enumerate(interface["sides"]):
+            if side["member"] in self.place:
+                body, member = self.place[side["member"]]
+                trace = _local(interface["frames"], len(interface["weights"]), side["trace"])
+                trace = trace @ member["prolongation"]
+                found[number] = placed(trace, self.pieces[body].own.start, self.size)
+        return found
 
     def _spring(self, interface: Values) -> Spring:
-        """What an active interface is in the matrix: its stiffness, else its search direction."""
-        law, traces = self.problem.interfaces[interface["name"]].law, self.traces[interface["name"]]
-        points = len(interface["weights"])
+        """What an active interface is in the matrix: its stiffness, stiff springs for glue, else its search
+        direction."""
+        scene, traces = self.problem.interfaces[interface["name"]], self.traces[interface["name"]]
+        points, sides = len(interface["weights"]), interface["sides"]
         components = len(interface["frames"]) // points
         weights = np.repeat(interface["weights"], components)
-        if not law.springs:
-            stiff = np.concatenate([weights * side["direction"] for side in interface["sides"]])
-            return Spring(sp.vstack(traces, format="csr"), stiff)
-        scene = self.problem.interfaces[interface["name"]]
-        kappa = bridge.spring_stiffness(scene, components, self.floors).ravel()
-        jump = -traces[0] if len(traces) == 1 else traces[1] - traces[0]
-        return Spring(jump.tocsr(), weights * kappa)
+        glue = len(sides) == 2 and scene.law.prescribes == "jump"
+        if not (scene.law.springs or glue):
+            stiff = np.concatenate([weights * sides[s]["direction"] for s in traces])
+            return Spring(sp.vstack(list(traces.values()), format="csr"), stiff)
+        if glue:
+            kappa = GLUE * sides[next(iter(traces))]["direction"]
+        else:
+            kappa = bridge.spring_stiffness(scene, components, self.floors).ravel()
+        jump = sum(trace if side else -trace for side, trace in traces.items()).tocsr()
+        if len(traces) == 2 or len(sides) == 1:
+            return Spring(jump, weights * kappa, glue=glue)
+        away = next(side["member"] for s, side in enumerate(sides) if s not in traces)
+        assert self.problem.distribution is not None
+        return Spring(jump, weights * kappa, self.problem.distribution.owner[away], glue)
 
     # -- products ------------------------------------------------------------------------------
     def product(self, block: Array) -> Array:
@@ -217,15 +263,15 @@ class Subspace:
     @classmethod
     def of(cls, bodies: Bodies) -> Subspace:
         """Rigid motions, and what the load patterns do to all bodies joined by springs."""
-        load = np.concatenate([piece.load for piece in bodies.pieces])
+        load = np.concatenate([np.zeros((0, bodies.loads)), *(piece.load for piece in bodies.pieces)])
         empty = tuple(np.zeros((piece.own.stop - piece.own.start, 0), order="F") for piece in bodies.pieces)
         found = cls(bodies, empty, empty).with_fields(bodies.rigid)
-        loaded = np.flatnonzero(np.any(load, axis=0))
+        loaded = np.flatnonzero(np.any(bodies.rows.every(np.any(load, axis=0)), axis=0))
         return found.with_fields(bodies.multigrid.cycle(load[:, loaded])) if loaded.size else found
 
     @property
     def count(self) -> int:
-        """Fields of all bodies."""
+        """Fields of all bodies on this rank."""
         return sum(each.shape[1] for each in self.fields)
 
     def with_fields(self, block: Array) -> Subspace:
@@ -236,10 +282,7 @@ class Subspace:
         """
         bodies = self.bodies
         block = np.array(block, order="F")
-        springs = [
-            [Spring(each.jump[:, piece.own], each.stiffness) for each in bodies.between]
-            for piece in bodies.pieces
-        ]
+        springs = [[each.of_body(piece.own) for each in bodies.between] for piece in bodies.pieces]
         taken = []
         for b, piece in enumerate(bodies.pieces):
             V, X = self.fields[b], block[piece.own]
@@ -273,9 +316,10 @@ class Subspace:
         for each in self.bodies.interfaces:
             sides = []
             for side in each["sides"]:
-                body, member = self.bodies.place[side["member"]]
-                trace = csr(side["trace"]) @ self._motions(body, member)
-                sides.append({**side, "member": names[body], "trace": petsc_matrix(sp.csr_matrix(trace))})
+                sides.append({**side, "member": self.bodies.heads[side["member"]]})
+                if side["member"] in self.bodies.place:
+                    trace = csr(side["trace"]) @ self._motions(*self.bodies.place[side["member"]])
+                    sides[-1]["trace"] = petsc_matrix(sp.csr_matrix(trace))
             interfaces.append({**each, "sides": sides})
         return found, interfaces
 
@@ -349,7 +393,7 @@ class Subspace:
         force = core.global_stage(laws, np.asfortranarray(state.data), np.asfortranarray(amplitudes))
         force = state.data - np.asarray(core.directions)[:, None] * force
         return Answer(
-            np.vstack([fields[name] for name in names]),
+            np.vstack([np.zeros((0, amplitudes.shape[1])), *(fields[name] for name in names)]),
             np.asarray(core.weights)[:, None] * force,
             np.asarray(amplitudes),
         )
@@ -373,14 +417,14 @@ class Subspace:
 
     @cached_property
     def _jumps(self) -> list[Array]:
-        """Jumps of the springs between the bodies under the fields of the basis."""
+        """Jumps of the springs between the bodies under the fields of the basis of this rank."""
         found = []
         for spring in self.bodies.between:
             own = [
                 spring.jump[:, piece.own] @ V
                 for piece, V in zip(self.bodies.pieces, self.fields, strict=True)
             ]
-            found.append(np.hstack(own))
+            found.append(np.hstack(own))  # where there are springs there is a body
         return found
 
     def energies(self, answer: Answer, of_springs: float = 1.0) -> Array:
@@ -389,14 +433,15 @@ class Subspace:
         found = np.zeros(answer.moved.shape[1])
         for (rows, _), strained in zip(self._places, self._strained, strict=True):
             found += np.einsum("ij,ij->j", answer.moved[rows], strained @ answer.moved[rows])
-        free = self.free(answer)
-        for spring, jump in zip(self.bodies.between, self._jumps, strict=True):
-            found += of_springs * (spring.stiffness @ (jump @ free) ** 2)
-        return np.abs(found)
+        free, between = self.free(answer), self.bodies.between
+        own = [jump @ free for jump in self._jumps]
+        for spring, jump in zip(between, jumps(between, own, self.bodies.rows), strict=True):
+            found += of_springs * spring.counted * (spring.stiffness @ jump**2)
+        return np.abs(self.bodies.rows.sum(found))
 
     def free(self, answer: Answer) -> Array:
-        """The unknowns (fields, c) of an answer, without motions that are given."""
-        return np.concatenate([answer.moved[own] for _, own in self._places])
+        """The unknowns (fields, c) of an answer on this rank, without motions that are given."""
+        return np.concatenate([answer.moved[:0], *(answer.moved[own] for _, own in self._places)])
 
     def residual(self, core: Structure, answer: Answer) -> Array:
         """What an answer leaves of the equations of the bodies, (n, c); linear in the answer."""
@@ -405,9 +450,9 @@ class Subspace:
         for piece, product, (_, own) in zip(bodies.pieces, self.products, self._places, strict=True):
             out[piece.own] = piece.load @ answer.amplitudes - product @ answer.moved[own]
         for each in bodies.interfaces:
-            rows = core.first_rows(each["name"])
-            for first, trace in zip(rows, bodies.traces[each["name"]], strict=True):
-                out += trace.T @ answer.force[first : first + trace.shape[0]]
+            first = core.first_rows(each["name"])
+            for side, trace in bodies.traces[each["name"]].items():
+                out += trace.T @ answer.force[first[side] : first[side] + trace.shape[0]]
         return out
 
 
@@ -433,6 +478,8 @@ def _diagonal(blocks: list[sp.csr_matrix]) -> sp.csr_matrix:
     """Blocks on the diagonal of one matrix; SciPy's own way takes ten times its memory."""
     if len(blocks) == 1:
         return blocks[0]
+    if not blocks:
+        return sp.csr_matrix((0, 0))
     sizes = np.cumsum([0] + [block.shape[0] for block in blocks])
     counts = np.cumsum([0] + [block.nnz for block in blocks])
     starts = [block.indptr[1:].astype(np.int64) + count for block, count in zip(blocks, counts, strict=False)]
@@ -440,11 +487,3 @@ def _diagonal(blocks: list[sp.csr_matrix]) -> sp.csr_matrix:
     data = np.concatenate([block.data for block in blocks])
     parts = (data, np.concatenate(columns), np.concatenate([[0], *starts]))
     return sp.csr_matrix(parts, shape=(sizes[-1], sizes[-1]))
-
-
-def _placed(matrix: sp.csr_matrix, columns: slice, size: int) -> sp.csr_matrix:
-    """A matrix whose columns are some of `size`."""
-    matrix = matrix.tocsr()
-    return sp.csr_matrix(
-        (matrix.data, matrix.indices + columns.start, matrix.indptr), shape=(matrix.shape[0], size)
-    )

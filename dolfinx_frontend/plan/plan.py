@@ -13,9 +13,10 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
-from dolfinx_frontend.assembly.ranks import together
+from dolfinx_frontend.assembly.ranks import exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -610,38 +611,63 @@ def _backend(
         Nothing fits; it says what would.
     """
     multigrid = options.with_(backend="multigrid")
+    direct, by_cycles, free, where = _needed(problem, cost)
     if options.backend == "multigrid":
-        needs = f"about {shown(cost.multigrid, 'B')}; factors would need {shown(cost.direct, 'B')}"
+        needs = f"about {shown(by_cycles, 'B')}; factors would need {shown(direct, 'B')}{where}"
         return options, [Decision("bodies", "multigrid, a basis of fields", f"asked for: {needs}")]
-    free = available_memory()
-    may = options.backend == "automatic" and suits
-    if problem.distribution is not None:
-        return options, []
-    if cost.direct <= free:
-        if not may or cost.unknowns < _LARGE or cost.multigrid > free:
+    # glue that stays active takes many more cycles
+    glue = any(_is_glue(problem, name) for name in kept)
+    may = options.backend == "automatic" and suits and not glue
+    if direct <= free:
+        # of ranks the prices differ, and they must decide alike
+        large = cost.unknowns >= _LARGE and problem.distribution is None
+        if not may or not large or by_cycles > free:
             return options, []
-        direct, other = priced(options), priced(multigrid)
-        if _WORTH * other.seconds > direct.seconds:
+        by_factors, other = priced(options), priced(multigrid)
+        if _WORTH * other.seconds > by_factors.seconds:
             return options, []
-        what = f"multigrid, about {other.seconds:.2g} s of processor time and {shown(cost.multigrid, 'B')}"
-        why = f"factors would take {direct.seconds:.2g} s and {shown(cost.direct, 'B')}"
+        what = f"multigrid, about {other.seconds:.2g} s of processor time and {shown(by_cycles, 'B')}"
+        why = f"factors would take {by_factors.seconds:.2g} s and {shown(direct, 'B')}"
         return multigrid, [Decision("bodies", what, why)]
-    if may and cost.multigrid <= _SURE * free:
+    if may and by_cycles <= _SURE * free:
         return multigrid, [
             Decision(
                 "bodies",
                 f"multigrid, about {priced(multigrid).seconds:.2g} s of processor time and "
-                f"{shown(cost.multigrid, 'B')}",
-                f"factors would need {shown(cost.direct, 'B')}, and {shown(free, 'B')} are free",
+                f"{shown(by_cycles, 'B')}",
+                f"factors would need {shown(direct, 'B')}, and {shown(free, 'B')} are free{where}",
             )
         ]
-    text = f"factors of {cost.unknowns} unknowns need about {shown(cost.direct, 'B')}"
+    text = f"factors of {cost.unknowns} unknowns need about {shown(direct, 'B')}"
     if suits:
-        text += f", multigrid about {shown(cost.multigrid, 'B')}"
-    text += f", and {shown(free, 'B')} are free"
-    if cost.direct > _SURE * free:
+        text += f", multigrid about {shown(by_cycles, 'B')}"
+    text += f", and {shown(free, 'B')} are free{where}"
+    if direct > _SURE * free and problem.distribution is None:
         raise SceneError(f"plan: {text}: {_what_would_do(problem, kept, cost, suits, free)}")
     return options, [Decision("memory", "factors may not fit", text)]
+
+
+def _is_glue(problem: Problem, name: str) -> bool:
+    """Whether an interface joins two parts so that nothing moves between them."""
+    interface = problem.interfaces[name]
+    return len(interface.sides) == 2 and interface.law.prescribes == "jump"
+
+
+def _needed(problem: Problem, cost: Cost) -> tuple[float, float, float, str]:
+    """Bytes of factors and of multigrid, those that are free, and where; of ranks, on the machine that has
+    least for its ranks together, the same on all. Collective."""
+    free = available_memory()
+    if problem.comm is None:
+        return cost.direct, cost.multigrid, free, ""
+    machines: dict[str, list[tuple[float, float, float]]] = {}
+    mine = MPI.Get_processor_name(), (cost.direct, cost.multigrid, free)
+    for name, of_rank in exchanged(problem.comm, mine):
+        machines.setdefault(name, []).append(of_rank)
+    sums = []
+    for every in machines.values():
+        direct, multigrid, left = zip(*every, strict=True)
+        sums.append((sum(direct), sum(multigrid), min(left), f" for {len(every)} ranks on a machine"))
+    return max(sums, key=lambda each: each[0] / max(each[2], 1.0))
 
 
 _LARGE, _WORTH = 300_000, 2.0

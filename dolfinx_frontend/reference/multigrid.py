@@ -35,7 +35,7 @@ class Aggregation:
     def __init__(self, problem: Problem, body: Body, matrix: sp.csr_matrix) -> None:
         petsc = petsc_matrix(matrix)
         petsc.setOption(PETSc.Mat.Option.SPD, True)
-        self._cycle = Multigrid(petsc, None, rigid_motions(problem, body.Z))
+        self._cycle = Multigrid(petsc, None, rigid_motions(problem, body.Z, body.n))
         self._x, self._b = petsc.createVecs()
         ksp = PETSc.KSP().create(PETSc.COMM_SELF)
         ksp.setType(PETSc.KSP.Type.CG)

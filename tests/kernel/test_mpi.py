@@ -172,3 +172,15 @@ def test_a_rank_that_cannot_mesh_its_part_again_ends_all() -> None:
     holds(2, "failed together on rank", "mpi_meshes.py", "fail")
     run = launch(2, "mpi_meshes.py", "kill")
     assert run.returncode != 0 and "signal 9" in (run.stdout + run.stderr).lower()
+
+
+@pytest.mark.parametrize(
+    ("ranks", "calls"),
+    [
+        (2, {"solve": "same solutions", "fail": "failed together"}),
+        (3, {"solve": "same solutions", "points": "same points"}),
+    ],
+)
+def test_multigrid_over_ranks_has_the_answers_of_factors(ranks: int, calls: dict[str, str]) -> None:
+    """With three ranks one has no part."""
+    holds(ranks, tuple(f"{said} on rank" for said in calls.values()), "mpi_multigrid.py", *calls)

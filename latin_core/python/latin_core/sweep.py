@@ -379,7 +379,7 @@ def sweep(
         return found
 
     waiting: list[Solved] = []
-    bytes_of_point = 16.0 * structure.rows * amplitudes.shape[1] + 1.0
+    bytes_of_point = 16.0 * structure.total_rows * amplitudes.shape[1] + 1.0
     together = max(1, min(_CHECKED, int(_CHECKED_BYTES / bytes_of_point)))
 
     def finished(point: int, laws: _core.Laws, summary: _core.Summary, state: _core.State) -> None:
