@@ -244,14 +244,6 @@ class Problem(OneProcess):
             if len(self.distribution.ranks([s.substructure for s in i.sides])) == 2
         )
 
-    def on_one_rank(self, what: str) -> None:
-        """Raise SceneError unless everything is on this rank, which `what` needs."""
-        if self.distribution is not None:
-            raise SceneError(
-                f"{what} works on one rank only, this problem is spread over "
-                f"{self.distribution.comm.size}: assemble it without comm"
-            )
-
     @property
     def dim(self) -> int:
         """Space dimension d."""

@@ -198,9 +198,6 @@ class SavedProblem:
         """All is on one rank."""
         return read()
 
-    def on_one_rank(self, what: str) -> None:
-        """All is on one rank."""
-
     def check_alike(self, call: str, **given: object) -> None:
         """All is on one rank."""
 

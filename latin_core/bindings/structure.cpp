@@ -772,7 +772,7 @@ void bind_structure(py::module_& m) {
   cls.def("correct", &Linearised::correct, "residual"_a, correct_doc);
   py::class_<Beginning, std::shared_ptr<Beginning>> beginning(
       m, "Beginning",
-      "Tangents and answer of linear laws, kept from one sweep of them to the next: see "
+      "Tangents of linear laws, kept from one sweep of them to the next: see "
       "Structure.sweep().");
   refuse_pickle(beginning, "it holds factorised matrices: it is made again");
   beginning.def(py::init<>());

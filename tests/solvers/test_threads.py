@@ -161,7 +161,8 @@ def test_one_result() -> None:
     """Readings, measurements and samples of one result, which share one solver."""
     result = solve(springs(), chaos=3)
     force, mean = result.force_coefficients("layer"), result.mean("right").x.array.copy()
-    samples = result.monte_carlo(4).force("layer")
+    # a body multiplies by its compliance after so many columns, which changes last digits: not in between
+    samples = [result.monte_carlo(4).force("layer") for _ in range(4)][-1]
     measured = errors(result, "layer").relative("truncation")
 
     def reads() -> None:

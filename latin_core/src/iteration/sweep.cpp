@@ -6,6 +6,8 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <memory>
+#include <mutex>
 #include <numeric>
 #include <span>
 #include <string>
@@ -315,7 +317,7 @@ class Sweep {
 
   void walk(const std::vector<Index>& order) {
     if (direct_) {
-      begin(order);
+      begin();
     }
     if (direct_ && static_cast<Index>(order.size()) > least_directly) {
       return solve_directly(order);
@@ -338,24 +340,21 @@ class Sweep {
     }
   }
 
-  /// Tangents and answer of the laws themselves, as if they were those of the first point.
-  void begin(const std::vector<Index>& order) {
-    if (beginning_ == nullptr || linear_->made() || !known_.empty() || order.empty()) {
+  /// Take the tangents of the laws themselves.
+  void begin() {
+    if (beginning_ == nullptr || linear_->made()) {
       return;
     }
-    Beginning
-        own;  // while another sweep has the one that is kept: answers must not depend on who was first
     taken_ = beginning_->take();
-    const Beginning::Known& found = (taken_.owns_lock() ? *beginning_ : own).of(laws_, amplitudes_);
-    *linear_ = found.tangents;
-    if (found.state.data.size() > 0) {
-      known_.push_back(found.state);
-      known_points_.push_back(order.front());
+    if (!taken_.owns_lock()) {  // the same once more: answers must not depend on who was first
+      own_ = std::make_unique<Beginning>();
+      beginning_ = own_.get();
     }
+    *linear_ = beginning_->of(laws_, amplitudes_);
   }
 
-  /// Points of linear laws: one in the middle gives the tangents of all, unless there is a beginning, some that are
-  /// far from each other the states that the others start from.
+  /// Points of linear laws: one in the middle gives the tangents of all, unless they have a beginning, some that
+  /// are far from each other the states that the others start from.
   void solve_directly(const std::vector<Index>& order) {
     std::vector<Index> left = order;
     const auto take = [&](auto which) {
@@ -745,34 +744,31 @@ class Sweep {
   /// Of the point solved last, where estimates are checked.
   std::shared_ptr<Linearisation> linear_;
   Beginning* beginning_ = nullptr;
+  std::unique_ptr<Beginning> own_;      ///< while another sweep has the one that is kept
   std::unique_lock<std::mutex> taken_;  ///< a factor solves for one at a time
   Index streak_ = 0;                    ///< points in a row that needed one iteration
 };
 
 }  // namespace
 
-const Beginning::Known& Beginning::of(const substructure::Laws& laws, const Matrix& amplitudes) {
+const Linearisation& Beginning::of(const substructure::Laws& laws, const Matrix& amplitudes) {
   const bool same = known_ && amplitudes_.rows() == amplitudes.rows() &&
                     amplitudes_.cols() == amplitudes.cols() && amplitudes_ == amplitudes;
   if (!same) {
-    Known made;
-    const auto linear = std::make_shared<Linearisation>();
+    const auto made = std::make_shared<Linearisation>();
     if (known_) {
-      *linear = known_->tangents;
-      linear->forget_rounding();
+      *made = *known_;
+      made->forget_rounding();
     }
     Options options;  // of no sweep, for it is the beginning of others, too
     options.rtol = 1e-10;
+    State state;
     try {
-      const Summary summary = solve(laws, options, amplitudes, made.state, {}, {}, linear);
-      made.tangents = *linear;
-      if (summary.status != Status::converged && summary.status != Status::inexact) {
-        made.state = State();
-      }
+      solve(laws, options, amplitudes, state, {}, {}, made);
     } catch (const NumericalError&) {  // points may be stable where the laws themselves are not
-      made = Known();
+      *made = Linearisation();
     }
-    known_ = std::move(made);
+    known_ = *made;
     amplitudes_ = amplitudes;
   }
   return *known_;

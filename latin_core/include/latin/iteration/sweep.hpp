@@ -31,29 +31,25 @@ using PointCallback =
 /// Further points, all of which start from what was known after the first ones; none: that was all.
 using NextPoints = std::function<std::vector<Index>()>;
 
-/// Where sweeps of linear laws begin, kept from one on a structure to the next: tangents and answer of the laws
-/// themselves, which take as long as a hundred points. They are a function of laws and amplitudes, whoever asks first;
-/// one sweep has them at a time.
+/// The tangents of linear laws themselves, from which sweeps of them begin, kept from one to the next: they take as
+/// long as a hundred points. They are a function of laws and amplitudes, whoever asks first; one sweep has them at a
+/// time.
 class Beginning {
  public:
   /// They are not kept where they would take more memory than this, in bytes.
   static constexpr double most_bytes = 256e6;
 
-  struct Known {
-    Linearisation tangents;  ///< not made if the structure is not stable with them
-    State state;             ///< (0, 0) if there is no answer
-  };
-
   /// As long as this is held the rest of this is the caller's; not held: it is another sweep's.
   [[nodiscard]] std::unique_lock<std::mutex> take() {
     return std::unique_lock(mutex_, std::try_to_lock);
   }
-  /// Of laws that are the same in every call; made by the first one, and again for other amplitudes.
-  const Known& of(const substructure::Laws& laws, const Matrix& amplitudes);
+  /// Of laws that are the same in every call, with what rounding does to their answer; made by the first call, and
+  /// again for other amplitudes. Not made if the structure is not stable with them.
+  const Linearisation& of(const substructure::Laws& laws, const Matrix& amplitudes);
 
  private:
   std::mutex mutex_;
-  std::optional<Known> known_;
+  std::optional<Linearisation> known_;
   Matrix amplitudes_;
 };
 
