@@ -644,8 +644,8 @@ class _Search:
             if found is not None:
                 return found
         most = MOST_ENDLESS if self._endless() else 0
-        found = by_samples(result, quantity, self.target, each, seen, self.keep, most, self.tails)
-        samples, made, notes = found
+        target, tails = self.target, self.tails
+        samples, made, notes = by_samples(result, quantity, target, each, seen, self.keep, most, tails)
         self.notes += notes
         return samples, made
 

@@ -65,13 +65,15 @@ def test_samples_from_tangents_that_were_kept() -> None:
     as right as its first ones, however far off the mean they are, and two threads do not share what is one's."""
     law = lf.LogNormal("k", 40.0, cov=20.0)  # over ten decades
     options = lf.Options(rtol=1e-8)
-    result = lf.solve(layers(law, 15.0), chaos=lf.Chaos(order=1), options=options, progress=False)
+    problem = layers(law, 15.0)
+    result = lf.solve(problem, chaos=lf.Chaos(order=1), options=options, progress=False)
 
     def off(seed: int) -> float:
         samples = result.monte_carlo(60, seed=seed, progress=False)
         jump = np.mean(samples.jump("l0")[..., 0], axis=-1)
         exact = FORCE / law.value(samples.germs[:, 0])
-        return float(np.max(np.abs(jump - exact) / (exact + FORCE / 15.0 + 3.0 * FORCE * LENGTH / 200.0)))
+        rest = FORCE / 15.0 + 3.0 * FORCE * LENGTH / 200.0
+        return float(np.max(np.abs(jump - exact) / (exact + rest)))
 
     with ThreadPoolExecutor(2) as pool:
         assert max(*map(off, range(3)), *pool.map(off, range(3, 9))) <= 1e-7
