@@ -61,8 +61,8 @@ def test_samples_near_slip(which: str, rtol: float, newton: dict[str, int]) -> N
 
 
 def test_samples_from_tangents_that_were_kept() -> None:
-    """Samples of linear laws start from the tangents of the mean, which a solver keeps: later ones are as right
-    as the first, however far off the mean they are, also where two threads draw at once."""
+    """Samples of linear laws start from the tangents of the mean, which a solver keeps: later ones are as
+    right as the first, however far off the mean they are, also where two threads draw at once."""
     law = lf.LogNormal("k", 40.0, cov=20.0)  # over ten decades
     options = lf.Options(rtol=1e-8)
     problem = layers(law, 15.0)
