@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.results.contact import contact_states
+from dolfinx_frontend.results.contact import NOTHING, contact_states
 from dolfinx_frontend.results.samples import SampleResult
 
-__all__ = ["all_states_of", "error_by_kinks", "states_of"]
+__all__ = ["all_states_of", "error_by_kinks", "opening_directions", "states_of"]
 
 ONE_POINT = 1e-3
 """Distance of two solved points, relative to the points of the rule, below which they are one."""
@@ -44,6 +44,31 @@ def _counts(samples: SampleResult, name: str) -> Array:
         limits = limits[0][:, -1], limits[1][:, -1]
     states = contact_states(force[..., 0], np.linalg.norm(force[..., 1:], axis=-1), limits)
     return np.stack([np.count_nonzero(each, axis=-1) for each in states], axis=-1).astype(np.float64)
+
+
+def opening_directions(samples: SampleResult, scores: Array) -> list[tuple[float, Array]]:
+    """How far out contacts open, and in which direction (L,) of the normal scores (n, L) of samples, where the
+    force on them is linear in these (FORM: Hasofer and Lind, J. Eng. Mech. Div. 100, 1974). Collective."""
+    problem, active = samples.problem, samples.plan.active
+    found = []
+    for name in (n for n, each in problem.interfaces.items() if each.law.unilateral and n in active):
+        pressed = samples.everywhere(name, partial(_pressed, samples, name))
+        closed = pressed > NOTHING * np.abs(pressed).max(initial=0.0)
+        if np.count_nonzero(closed) <= scores.shape[1] + 1:
+            continue
+        terms = np.column_stack([np.ones(np.count_nonzero(closed)), scores[closed]])
+        first, *slope = np.linalg.lstsq(terms, pressed[closed], rcond=None)[0]
+        steepness = float(np.linalg.norm(slope))
+        if first > 0.0 and steepness > NOTHING * first:
+            found.append((float(first) / steepness, -np.asarray(slope) / steepness))
+    return found
+
+
+def _pressed(samples: SampleResult, name: str) -> Array:
+    """Force that presses a contact together at the end of every sample, (n,)."""
+    force = np.asarray(samples.force(name))
+    force = force if samples.times is None else force[:, -1]
+    return np.asarray(-force[..., 0] @ samples.problem.interfaces[name].weights)
 
 
 def error_by_kinks(

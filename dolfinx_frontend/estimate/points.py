@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import comb
 from typing import NamedTuple
@@ -25,7 +26,7 @@ from scipy.special import ndtr, ndtri
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
-from dolfinx_frontend.estimate.kinks import all_states_of
+from dolfinx_frontend.estimate.kinks import all_states_of, opening_directions
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import MeanStd
@@ -426,8 +427,43 @@ def _seen(
     complete(samples)
     values = quantity.at_end(samples, samples)
     if points.shape[1] > 1:
-        return Witnesses(points, weights, tails, values)
+        found = Witnesses(points, weights, tails, values)
+        return with_openings(result, samples, found, partial(solve, result), rtol, quantity, complete)
     return Witnesses(points, weights, tails, values, all_states_of(samples))
+
+
+def with_openings(
+    result: ChaosResult,
+    samples: SampleResult,
+    seen: Witnesses,
+    solve: Callable[..., SampleResult],
+    rtol: float,
+    quantity: Wanted,
+    complete: Callable[[SampleResult], None],
+) -> Witnesses:
+    """The witnesses and such as lie where contacts open of which samples tell: far out along a sum of germs a
+    contact may be open that is closed along each of them."""
+    space = result.space
+    lines, shares = [], []
+    for reach, along in opening_directions(samples, normal_scores(space, samples.germs)):
+        beyond = TAIL[TAIL > reach][:2]
+        lines.append(beyond[:, None] * along)
+        shares.append(_shares(beyond))
+    if not sum(map(len, lines)):
+        return seen
+    points, share = space.from_normal(np.concatenate(lines)), np.concatenate(shares)
+    good = lawful(result.random, points)
+    points, share = points[good], share[good]
+    if not len(points):
+        return seen
+    more = solve(points, np.ones(len(points)), rtol, quantity)
+    complete(more)
+    return seen._replace(
+        points=np.concatenate([seen.points, points]),
+        weights=np.concatenate([seen.weights, np.zeros(len(points))]),
+        tails=np.concatenate([seen.tails, share]),
+        values=np.concatenate([seen.values, quantity.at_end(more, more)]),
+    )
 
 
 def far_out(
@@ -436,10 +472,12 @@ def far_out(
     rtol: float,
     complete: Callable[[SampleResult], None],
     along: Array,
+    drawn: SampleResult,
     seen: Witnesses | None = None,
 ) -> Witnesses:
-    """Those of the witnesses that lie far out along each germ, solved unless `seen` has them, and others both
-    ways along a direction (L,) of the normal scores."""
+    """Those of the witnesses that lie far out along each germ, solved unless `seen` has them, others both ways
+    along a direction (L,) of the normal scores, and such as lie where contacts open of which samples that were
+    drawn tell."""
     space = result.space
     scores = np.concatenate([-TAIL[::-1], TAIL])
     lines, shares = space.from_normal(scores[:, None] * along), _shares(scores)
@@ -457,7 +495,8 @@ def far_out(
         lines = np.concatenate([seen.points, lines])
         shares = np.concatenate([seen.tails, shares])
         values = np.concatenate([seen.values, values])
-    return Witnesses(lines, np.zeros(len(lines)), shares, values)
+    found = Witnesses(lines, np.zeros(len(lines)), shares, values)
+    return with_openings(result, drawn, found, partial(solved, result), rtol, quantity, complete)
 
 
 def _shares(scores: Array) -> Array:
