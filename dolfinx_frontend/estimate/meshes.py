@@ -17,6 +17,7 @@ from dataclasses import replace
 from math import isfinite
 from typing import Any, Literal
 
+import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
@@ -50,6 +51,7 @@ from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.scene.specs import SubstructureSpec
 
 __all__ = ["solve_scene"]
 
@@ -345,7 +347,7 @@ class _Meshes(Judged):
         with agreement(ranks):
             for name, spec in self.scene.substructures.items():
                 here = ranks is None or owner[name] == ranks.rank or spec.spread
-                spec = spec.made() if here else spec.made_elsewhere()
+                spec = _seen_across(spec.made()) if here else spec.made_elsewhere()
                 if ranks is not None:
                     spec = replace(spec, rank=owner[name])
                 self.scene.substructures[name] = spec
@@ -451,3 +453,17 @@ class _Meshes(Judged):
         scene = copy(self.scene)
         scene.substructures.update(found.specs)
         return scene, dict(found.how)
+
+
+def _seen_across(spec: SubstructureSpec) -> SubstructureSpec:
+    """A part, of degree 2 if it is a wall of revolution of one linear cell across: there the slope is the
+    same everywhere and the hoop strain follows from the nodes, so that no estimate sees what is left of it."""
+    if not spec.axisymmetric or spec.degree != 1 or spec.spread:
+        return spec
+    topology = spec.part.mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    topology.create_connectivity(topology.dim - 1, 0)
+    facets = dmesh.exterior_facet_indices(topology)
+    on_rim = dmesh.compute_incident_entities(topology, facets, topology.dim - 1, 0)
+    whole = topology.index_map(0).size_local
+    return spec if len(on_rim) < whole else replace(spec, degree=2)

@@ -475,9 +475,9 @@ def far_out(
     drawn: SampleResult,
     seen: Witnesses | None = None,
 ) -> Witnesses:
-    """Those of the witnesses that lie far out along each germ, solved unless `seen` has them, others both ways
-    along a direction (L,) of the normal scores, and such as lie where contacts open of which samples that were
-    drawn tell."""
+    """Those of the witnesses that lie far out along each germ, solved unless `seen` has them, others both
+    ways along a direction (L,) of the normal scores, and such as lie where contacts open by what samples that
+    were drawn tell."""
     space = result.space
     scores = np.concatenate([-TAIL[::-1], TAIL])
     lines, shares = space.from_normal(scores[:, None] * along), _shares(scores)

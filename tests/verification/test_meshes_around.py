@@ -22,12 +22,14 @@ A, C, B = 1.0, 1.5, 2.0
 KAPPA, SHRINK = 2e3, 1e-3
 
 
-def tubes(law: Law, cell: str, degree: int, pressure: float = 0.0) -> Scene:
+def tubes(
+    law: Law, cell: str, degree: int, pressure: float = 0.0, cells: tuple[int, int] = (2, 2)
+) -> Scene:
     """Two tubes, one in the other, held along the axis."""
     scene = Scene(axisymmetric=True)
     for name, inner, outer in (("in", A, C), ("out", C, B)):
         scene.substructure(
-            name, geometry.box((outer - inner, 1.0), (2, 2), (inner, 0.0), cell), STEEL, degree=degree
+            name, geometry.box((outer - inner, 1.0), cells, (inner, 0.0), cell), STEEL, degree=degree
         )
         scene.symmetry([f"{name}:y0", f"{name}:y1"])
     scene.interface("fit", "in:x1", "out:x0", law)
@@ -116,3 +118,12 @@ def test_spheres_shrunk_together(inner: float, order: int) -> None:
     result = solve(scene, accuracy=5e-3, quantity="fit", progress=False)
     made = result.errors()
     assert made.reached and abs(result.mean_std("fit").mean / exact - 1.0) <= made.in_all <= 5e-3
+
+
+@pytest.mark.parametrize("along", [1, 4, 120])
+def test_walls_of_one_linear_cell_across(along: int) -> None:
+    """Their slope is the same everywhere: off by 2 %, said 1e-12."""
+    scene = tubes(Elastic(normal=KAPPA, jump=SHRINK), "quadrilateral", 1, cells=(1, along))
+    result = solve(scene, accuracy=1e-3, quantity=Resultant("fit"), progress=False)
+    assert result.errors().reached
+    assert Resultant("fit").at_end(result, result) == pytest.approx(tube_force(KAPPA, SHRINK), rel=1e-3)
