@@ -602,8 +602,8 @@ def by_samples(
         if relative <= 0.6 * target and judged and fit is not None:
             if far is None:
                 assert drawn.samples is not None
-                steepest, known = drawn.steepest(), drawn.samples
-                far = far_out(result, quantity, drawn.rtol, complete, steepest, known, seen)
+                along = drawn.steepest()
+                far = far_out(result, quantity, drawn.rtol, complete, along, drawn.samples, seen)
             off = drawn.far(far, fit, said.value)
             said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
             relative, far_judged = relative_of(said), stands

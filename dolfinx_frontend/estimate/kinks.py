@@ -46,12 +46,15 @@ def _counts(samples: SampleResult, name: str) -> Array:
             limits = limits[0][:, -1], limits[1][:, -1]
         states = contact_states(force[..., 0], np.linalg.norm(force[..., 1:], axis=-1), limits)
         found.append(np.stack([np.count_nonzero(each, axis=-1) for each in states], axis=-1))
-    return np.concatenate(found).astype(np.float64)
+    return np.concatenate(found, dtype=np.float64)
 
 
 def opening_directions(samples: SampleResult, scores: Array) -> list[tuple[float, Array]]:
-    """How far out contacts open, and in which direction (L,) of the normal scores (n, L) of samples, where
-    the force on them is linear in these (FORM: Hasofer and Lind, J. Eng. Mech. Div. 100, 1974). Collective."""
+    """How far out contacts open, and in which direction (L,) of the normal scores (n, L) of samples.
+
+    Where the force on them is linear in these (FORM: Hasofer and Lind, J. Eng. Mech. Div. 100, 1974).
+    Collective.
+    """
     problem, active = samples.problem, samples.plan.active
     found = []
     for name in (n for n, each in problem.interfaces.items() if each.law.unilateral and n in active):

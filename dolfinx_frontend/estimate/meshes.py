@@ -456,8 +456,11 @@ class _Meshes(Judged):
 
 
 def _seen_across(spec: SubstructureSpec) -> SubstructureSpec:
-    """A part, of degree 2 if it is a wall of revolution of one linear cell across: there the slope is the
-    same everywhere and the hoop strain follows from the nodes, so that no estimate sees what is left of it."""
+    """A part, of degree 2 if it is a wall of revolution of one linear cell across.
+
+    There the slope is the same everywhere and the hoop strain follows from the nodes: no estimate sees what
+    is left of it.
+    """
     if not spec.axisymmetric or spec.degree != 1 or spec.spread:
         return spec
     topology = spec.part.mesh.topology
