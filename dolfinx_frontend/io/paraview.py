@@ -335,8 +335,8 @@ def write_interfaces(
     Parameters
     ----------
     result
-        Of a solve, a sampling, or loaded. On several ranks each writes the interfaces whose first side it
-        has.
+        Of a solve, a sampling, or loaded. On several ranks each writes the interfaces whose points are on a
+        part that it has.
     path
         Index file, ending in ``.vtm``, or in ``.pvd`` for all times of a load history; the grids go to a
         folder of the same name beside it.
@@ -370,7 +370,10 @@ def write_interfaces(
     problem = result.problem
     with agreement(problem.comm):
         problem.check_sources()
-    writers = {name: InterfaceWriter(result, name) for name in chosen if problem.speaks_for(name)}
+        # the points may be on the second side, which another rank may have
+        carriers = {n: problem.interfaces[n].sides[problem.interfaces[n].carrier] for n in chosen}
+        here = [name for name, side in carriers.items() if side.substructure in problem.substructures]
+        writers = {name: InterfaceWriter(result, name) for name in here}
     # files of older versions know the points only
     meshed = all(i.sides[i.carrier].shape is not None for i in map(problem.interfaces.__getitem__, chosen))
     groups = ["facets", "points"] if meshed else ["points"]

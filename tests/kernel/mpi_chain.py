@@ -27,6 +27,7 @@ from dolfinx_frontend import (
     Scene,
     SceneError,
     assemble,
+    geometry,
     io,
     make_plan,
     solve,
@@ -217,6 +218,18 @@ def stopped() -> None:
     files = re.findall('file="([^"]+)"', index + parts.read_text())
     assert len(files) > 4 + 2 * 3  # parts, and facets and points of interfaces
     assert all((interfaces.parent / file).stat().st_size > 500 for file in files)
+
+    crossed = Scene()  # its points are on the second side, which the second rank has
+    for k, cells in enumerate((3, 4)):
+        box = geometry.box((1.0, 1.0), (cells, cells), origin=(float(k), 0.0))
+        crossed.substructure(f"p{k}", box, LinearElastic(E=1e3, nu=0.3), degree=1, rank=k)
+    crossed.interface("j", "p0:x1", "p1:x0", Elastic(normal=1e3, tangential=1e3))
+    crossed.fix("p0:x0")
+    crossed.traction("p1:x1", (1.0, 0.0))
+    index = io.write(solve(assemble(crossed, comm=WORLD)), Path(folder) / "crossed")[1]
+    WORLD.barrier()
+    files = re.findall('file="([^"]+)"', index.read_text())
+    assert len(files) >= 2 and all((index.parent / file).stat().st_size > 500 for file in files)
     print(f"stopped on rank {WORLD.rank}", flush=True)
 
 
