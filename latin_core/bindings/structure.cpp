@@ -776,6 +776,7 @@ void bind_structure(py::module_& m) {
       "Structure.sweep().");
   refuse_pickle(beginning, "it holds factorised matrices: it is made again");
   beginning.def(py::init<>());
+  beginning.def("__repr__", [](const Beginning&) { return "Beginning()"; });
   bind_laws_value(m);
   bind_one_structure(m);
 }

@@ -267,15 +267,18 @@ Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
   const Matrix amplitudes = folder.amplitudes();
   const iteration::Options options = folder.options();
   Points points(request);
-  iteration::sweep(laws, options, amplitudes, request.parameters, request.order, {}, {}, {},
-                   [&](Index point, const substructure::Laws& of_point, const Summary& summary,
-                       const State& state) {
-                     std::vector<Gathered::Field> of_parts;
-                     if (displacements) {
-                       of_parts = part_fields(of_point, state, amplitudes);
-                     }
-                     points.add(point, summary, interface_fields(of_point, state), of_parts);
-                   });
+  iteration::Beginning beginning;  // as Python has one: the same digits
+  iteration::sweep(
+      laws, options, amplitudes, request.parameters, request.order, {}, {}, {},
+      [&](Index point, const substructure::Laws& of_point, const Summary& summary,
+          const State& state) {
+        std::vector<Gathered::Field> of_parts;
+        if (displacements) {
+          of_parts = part_fields(of_point, state, amplitudes);
+        }
+        points.add(point, summary, interface_fields(of_point, state), of_parts);
+      },
+      {}, &beginning);
 
   const Communicator& communicator = folder.communicator();
   Gathered interfaces(communicator);

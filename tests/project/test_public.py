@@ -217,6 +217,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         result.solver.linearised(result.laws, result.state),
         *kernel(),
         latin_core.SweptParameter("layer", "normal", np.ones((1, 1)), MANY[None]),
+        latin_core.Beginning(),
         latin_core.Checkpoint(tmp_path_factory.mktemp("public") / "points", {}),
     ]
 
