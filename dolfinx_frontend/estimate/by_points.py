@@ -21,6 +21,7 @@ from dolfinx_frontend.estimate.errors import (
     whole_of,
 )
 from dolfinx_frontend.estimate.hinges import Hinged, hinged, sides_of
+from dolfinx_frontend.estimate.kinks import contacts_of
 from dolfinx_frontend.estimate.points import (
     FIRST_PANELS,
     POINTS,
@@ -40,6 +41,7 @@ from dolfinx_frontend.estimate.points import (
     panel_points,
     solved,
     wide_points,
+    with_openings,
 )
 from dolfinx_frontend.estimate.tails import FINE, Tail, beside_tails
 from dolfinx_frontend.plan.price import Way, price, speed
@@ -512,6 +514,16 @@ class _Samples:
         size = float(np.linalg.norm(along))
         return np.asarray(along / size if size > 0.0 else np.eye(1, len(along))[0], dtype=np.float64)
 
+    def seen_far(self, along_germs: bool, seen: Witnesses | None) -> Witnesses:
+        """Points where contacts open, along germs, and along the direction of the steepest change."""
+        assert self.samples is not None
+        nothing: Array = np.zeros(0)
+        found = Witnesses(np.zeros((0, self.space.dimension)), nothing, nothing, nothing)
+        if along_germs:
+            found = far_out(self.result, self.quantity, self.rtol, complete, self.steepest(), seen)
+        known = self.result, self.samples, found
+        return with_openings(*known, solved, self.rtol, self.quantity, complete)
+
     def far(self, seen: Witnesses, fit: Hinged, value: MeanStd) -> MeanStd:
         """What points far out lack of what stands for the quantity: errors of mean and deviation.
 
@@ -567,9 +579,8 @@ def by_samples(
     most = most or _most_samples(result)
     notes: tuple[str, ...] = ()
     drawn = _Samples(result, quantity, rtol)
-    # samples of a coarse accuracy may all be closed where a contact opens seldom
-    opens = any(i.law.unilateral for n, i in result.problem.interfaces.items() if n in result.plan.active)
-    judged = not isinstance(quantity, Quantile) and (target < SEEN_TO or opens)
+    along_germs = target < SEEN_TO  # else only where contacts open: few samples may all be closed
+    judged = not isinstance(quantity, Quantile) and (along_germs or bool(contacts_of(result)))
     far: Witnesses | None = None
     while True:
         drawn.grow(each)
@@ -601,12 +612,10 @@ def by_samples(
                 relative = min(relative, ahead)
         if relative <= 0.6 * target and judged and fit is not None:
             if far is None:
-                assert drawn.samples is not None
-                along = drawn.steepest()
-                far = far_out(result, quantity, drawn.rtol, complete, along, drawn.samples, seen)
+                far = drawn.seen_far(along_germs, seen)
             off = drawn.far(far, fit, said.value)
             said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
-            relative, far_judged = relative_of(said), stands
+            relative, far_judged = relative_of(said), stands and along_germs
         size, whole = sizes(said.value)
         total = each * SETS
         if relative <= 0.6 * target:

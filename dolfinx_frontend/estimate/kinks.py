@@ -12,10 +12,11 @@ from functools import partial
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.contact import NOTHING, contact_states
 from dolfinx_frontend.results.samples import SampleResult
 
-__all__ = ["all_states_of", "error_by_kinks", "opening_directions", "states_of"]
+__all__ = ["all_states_of", "contacts_of", "error_by_kinks", "opening_directions", "states_of"]
 
 ONE_POINT = 1e-3
 """Distance of two solved points, relative to the points of the rule, below which they are one."""
@@ -24,9 +25,14 @@ ONE_POINT = 1e-3
 def states_of(samples: SampleResult) -> dict[str, Array]:
     """Contact -> how many of its points are open, and how many slip, at the end of every sample, (n, 2).
     Collective."""
-    problem, active = samples.problem, samples.plan.active
-    contacts = [n for n, each in problem.interfaces.items() if each.law.unilateral and n in active]
-    return {name: samples.everywhere(name, partial(_counts, samples, name)) for name in contacts}
+    names = contacts_of(samples)
+    return {name: samples.everywhere(name, partial(_counts, samples, name)) for name in names}
+
+
+def contacts_of(answer: ChaosResult | SampleResult) -> list[str]:
+    """Active interfaces whose points may open."""
+    interfaces, active = answer.problem.interfaces, answer.plan.active
+    return [name for name, each in interfaces.items() if each.law.unilateral and name in active]
 
 
 def all_states_of(samples: SampleResult) -> Array:
@@ -55,9 +61,8 @@ def opening_directions(samples: SampleResult, scores: Array) -> list[tuple[float
     Where the force on them is linear in these (FORM: Hasofer and Lind, J. Eng. Mech. Div. 100, 1974).
     Collective.
     """
-    problem, active = samples.problem, samples.plan.active
     found = []
-    for name in (n for n, each in problem.interfaces.items() if each.law.unilateral and n in active):
+    for name in contacts_of(samples):
         pressed = samples.everywhere(name, partial(_pressed, samples, name))
         closed = pressed > NOTHING * np.abs(pressed).max(initial=0.0)
         if np.count_nonzero(closed) <= scores.shape[1] + 1:

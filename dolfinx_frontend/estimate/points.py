@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from math import comb
 from typing import NamedTuple
@@ -65,6 +64,7 @@ __all__ = [
     "solved_alone",
     "surrogate",
     "wide_points",
+    "with_openings",
     "witnesses",
 ]
 
@@ -428,7 +428,7 @@ def _seen(
     values = quantity.at_end(samples, samples)
     if points.shape[1] > 1:
         found = Witnesses(points, weights, tails, values)
-        return with_openings(result, samples, found, partial(solve, result), rtol, quantity, complete)
+        return with_openings(result, samples, found, solve, rtol, quantity, complete)
     return Witnesses(points, weights, tails, values, all_states_of(samples))
 
 
@@ -441,8 +441,10 @@ def with_openings(
     quantity: Wanted,
     complete: Callable[[SampleResult], None],
 ) -> Witnesses:
-    """The witnesses and such as lie where contacts open of which samples tell: far out along a sum of germs a
-    contact may be open that is closed along each of them."""
+    """The witnesses, and such as lie where contacts open by what samples tell.
+
+    Far out along a sum of germs a contact may be open that is closed along each of them.
+    """
     space = result.space
     lines, shares = [], []
     for reach, along in opening_directions(samples, normal_scores(space, samples.germs)):
@@ -456,7 +458,7 @@ def with_openings(
     points, share = points[good], share[good]
     if not len(points):
         return seen
-    more = solve(points, np.ones(len(points)), rtol, quantity)
+    more = solve(result, points, np.ones(len(points)), rtol, quantity)
     complete(more)
     return seen._replace(
         points=np.concatenate([seen.points, points]),
@@ -472,12 +474,10 @@ def far_out(
     rtol: float,
     complete: Callable[[SampleResult], None],
     along: Array,
-    drawn: SampleResult,
     seen: Witnesses | None = None,
 ) -> Witnesses:
-    """Those of the witnesses that lie far out along each germ, solved unless `seen` has them, others both
-    ways along a direction (L,) of the normal scores, and such as lie where contacts open by what samples that
-    were drawn tell."""
+    """Those of the witnesses that lie far out along each germ, solved unless `seen` has them, and others both
+    ways along a direction (L,) of the normal scores."""
     space = result.space
     scores = np.concatenate([-TAIL[::-1], TAIL])
     lines, shares = space.from_normal(scores[:, None] * along), _shares(scores)
@@ -495,8 +495,7 @@ def far_out(
         lines = np.concatenate([seen.points, lines])
         shares = np.concatenate([seen.tails, shares])
         values = np.concatenate([seen.values, values])
-    found = Witnesses(lines, np.zeros(len(lines)), shares, values)
-    return with_openings(result, drawn, found, partial(solved, result), rtol, quantity, complete)
+    return Witnesses(lines, np.zeros(len(lines)), shares, values)
 
 
 def _shares(scores: Array) -> Array:
