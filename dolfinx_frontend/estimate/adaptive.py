@@ -81,6 +81,7 @@ __all__ = [
     "NOT_YET",
     "as_solved",
     "kept_for",
+    "of_each",
     "of_power",
     "solve_to_accuracy",
     "so_far",
@@ -135,6 +136,9 @@ what they say count; their errors can only be added to what a rule seems to lack
 LOOSE_FIRST = 0.1
 """Tolerance of a first chaos that only says by how much about a quantity scatters."""
 
+LEAST_BESIDE_FIELDS = 0.3
+"""Share of the target that is left for the rest at least, whatever random fields leave out."""
+
 MOST_INSTEAD = 1024
 """Points at most that are tried before a chaos whose modes random fields couple."""
 
@@ -160,6 +164,7 @@ def solve_to_accuracy(
     known: ErrorShare | None = None,
     first: ChaosResult | None = None,
     compared: Compared | None = None,
+    lost: ErrorShare | None = None,
 ) -> Result | SampleResult:
     """Solve until the error of a quantity is at most `accuracy`.
 
@@ -178,6 +183,9 @@ def solve_to_accuracy(
         A chaos of order 1 of the problem, where there is one.
     compared
         What errors are relative to; None: as the quantity says.
+    lost
+        What the modes that random fields leave out do, relative to mean and deviation, where that was measured
+        before.
 
     Returns
     -------
@@ -215,7 +223,7 @@ def solve_to_accuracy(
         if known is not None:
             complete(first)  # a search for meshes has something better
         with Interrupt(alone=problem.comm is None):
-            return _Search(first, accuracy, what, known).answer(meshes)
+            return _Search(first, accuracy, what, known, lost).answer(meshes)
     plan = make_plan(problem, method, kept_for(what, method, active), (), direction, options, times=times)
     result = solve_once(problem, plan, estimator=errors)
     what, notes = beside_what_acts(result, what)
@@ -351,7 +359,9 @@ class _Search:
         accuracy: float,
         quantity: Wanted | None,
         of_meshes: ErrorShare | None = None,
+        lost: ErrorShare | None = None,
     ) -> None:
+        self.lost = lost
         self.result = first
         self.accuracy = self.target = accuracy
         self.quantity = quantity
@@ -425,6 +435,7 @@ class _Search:
                 self.target = _visible(self.accuracy, self.of_meshes, quantity, self.result)
                 self._calibrate()  # the gain is that of what errors are relative to
             self.of_fields = self._lost(quantity)
+            self.target = self._left_by_fields(quantity)
             if coupled:
                 found = by_samples(self.result, quantity, self.target, self._each(), most=MOST_INSTEAD)
                 if found[1].total <= self.target:
@@ -490,10 +501,24 @@ class _Search:
         if not _points_of_fields(self.result.random):
             return None
         value = self.result.mean_std(quantity)
+        if self.lost is not None:
+            mean = (self.lost.quantity or 0.0) * size_of(value, quantity)
+            std = (self.lost.std or 0.0) * max(value.std or 0.0, quantity.compared.least)
+            return replace(self.lost, quantity=mean, std=std)
         lost = lost_of_fields(self.result, quantity, self._each(), value, complete, self.target)
         if lost is None:
             return None
         return ErrorShare(np.nan, lost.mean, lost.std, f"samples of all modes of {lost.of}")
+
+    def _left_by_fields(self, quantity: Wanted) -> float:
+        """Target of what is left to choose, beside what fields leave out."""
+        if self.of_fields is None:
+            return self.target
+        value = self.result.mean_std(quantity)
+        whole = max(value.std or 0.0, quantity.compared.least)
+        of_mean = share_of(self.of_fields.quantity or 0.0, size_of(value, quantity))
+        of_std = share_of(self.of_fields.std or 0.0, whole)
+        return max(self.target - float(np.fmax(of_mean, of_std)), LEAST_BESIDE_FIELDS * self.target)
 
     def _spread(self) -> float:
         """What counts of the quantity beside its mean, at most 1."""
@@ -504,10 +529,8 @@ class _Search:
         return min(share_of(whole, value.mean), 1.0) or 1e-6
 
     def _each(self, spread: float | None = None, loosest: float = LOOSEST) -> float:
-        """Tolerance of single points: relative to the whole, of which the quantity may scatter little."""
-        if not self.result.collocations:
-            loosest = LOOSEST_LINEAR
-        return float(np.clip(TIGHT * self.target * (spread or self._spread()), FINEST, loosest))
+        """Tolerance of single points."""
+        return of_each(self.result, self.target, spread or self._spread(), loosest)
 
     def _look(self, quantity: Wanted) -> None:
         """Solve the witnesses, which tells what a point costs, too."""
@@ -727,6 +750,14 @@ class _Search:
         """A chaos that converges too slowly, of which no quantity is asked."""
         left = by_solves(self.result, None).energy
         return self._found(_errors_of_chaos(self.result, None, left, 1.0))
+
+
+def of_each(chaos: ChaosResult, target: float, spread: float, loosest: float = LOOSEST) -> float:
+    """Tolerance of single points on the solver of a chaos: relative to the whole, of which a quantity may scatter
+    by the share `spread` only."""
+    if not chaos.collocations:
+        loosest = LOOSEST_LINEAR
+    return float(np.clip(TIGHT * target * spread, FINEST, loosest))
 
 
 def so_far(chaos: ChaosResult, accuracy: float, quantity: Wanted | None, known: ErrorShare) -> ChaosResult:

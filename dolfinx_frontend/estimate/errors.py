@@ -24,6 +24,7 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, pressed, stop_if_pressed
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error, with_dual
+from dolfinx_frontend.estimate.unseen import walls_not_seen
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results.accuracy import largest_of, remedy
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
@@ -506,7 +507,7 @@ def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | Non
         found = discretisation_error(result, quantity if weighted else None)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
-        if not result.problem.spread:
+        if not (result.problem.spread or walls_not_seen(result.problem)):
             return None
         unknown = None if quantity is None else np.nan
         return ErrorShare(np.nan, unknown, None, f"not known: {str(error).splitlines()[0]}")

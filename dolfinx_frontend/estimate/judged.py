@@ -22,7 +22,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt
 from dolfinx_frontend.common.progress import progress as bars
-from dolfinx_frontend.estimate.adaptive import FEW_GERMS, NOT_YET
+from dolfinx_frontend.estimate.adaptive import FEW_GERMS, NOT_YET, of_each
 from dolfinx_frontend.estimate.cells import Cells, cells_of
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
@@ -48,6 +48,7 @@ from dolfinx_frontend.estimate.mesh_error import (
     with_dual,
 )
 from dolfinx_frontend.estimate.pieces import of_chords_on_ranks
+from dolfinx_frontend.estimate.points import PAIRS_FOR_ALL, lost_of_fields
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.estimate.zones import (
     RESOLVED,
@@ -135,6 +136,9 @@ FOLLOWS = 1.5
 LESS = 0.8
 """Share of what the meshes leave of the accuracy that is asked of points."""
 
+LEAST_BESIDE_FIELDS = 0.5
+"""Share of what they may leave that the meshes keep at least, whatever random fields leave out."""
+
 ALMOST = 0.85
 """Share of an accuracy up to which meshes may come for points to fit into what is left: the sum is asked for
 alone, and one more mesh, with the points on it, costs more than a try."""
@@ -201,6 +205,7 @@ class Judged:
         self.first: Problem | None = None
         self.of_first: ChaosResult | None = None
         self.chaos: ChaosResult | None = None
+        self.lost: ErrorShare | None = None
         self.plain = True
         self.coarse: CoarsePoints | None = None
         self.fine: FinePoints | None = None
@@ -936,6 +941,7 @@ class Judged:
             if self.of_first is None:
                 assert self.first is not None
                 self.of_first = self._first_chaos(self.first, method, options, settings)
+            self._leave_room_for_fields(self.of_first)
             assert self.problem is not None
             if self._by_points(method, options, settings):
                 whole = self.said + (self.fine.made.total if self.fine is not None else np.inf)
@@ -945,7 +951,7 @@ class Judged:
             left = self._left_of_std(self.of_first, 0)
             if left > max(self.target, self.said) * (self.chaos.mean_std(self.quantity).std or 0.0):
                 if old is None or old.problem is not self.before:
-                    old = self._first_chaos(self.before, method, options, settings)
+                    old = self._chaos_on(self.before, method, options, settings)
                 left = min(left, self._left_of_std(old, len(self.steps) - 2))
         except SceneError as error:
             self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
@@ -1031,6 +1037,7 @@ class Judged:
         assert self.problem is not None
         try:
             self.chaos = self._chaos_on(self.problem, method, options, settings)
+            self._leave_room_for_fields(self.chaos)
         except SceneError as error:
             self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
             return True
@@ -1040,6 +1047,25 @@ class Judged:
         self.said = max(self.said, of_std)
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target
+
+    def _leave_room_for_fields(self, chaos: ChaosResult) -> None:
+        """Measure on the first mesh, where points are cheap, what the modes that random fields leave out do: the
+        meshes may use what that leaves of the accuracy."""
+        fields = any(isinstance(each, DiscretisedField) for each in chaos.random.sources.values())
+        if self.lost is not None or not fields:
+            return
+        assert isinstance(self.quantity, Resultant)
+        value = chaos.mean_std(self.quantity)
+        size, whole = self.quantity.compared.size(value.mean, value.std), max(value.std or 0.0, self._least(1e-9))
+        spread = min(share_of(whole, value.mean), 1.0) or 1e-6
+        rtol = of_each(chaos, self.accuracy, spread)
+        found = lost_of_fields(chaos, self.quantity, rtol, value, complete, self.accuracy, PAIRS_FOR_ALL)
+        if found is None or not isfinite(found.mean + found.std):
+            return
+        of_mean, of_std = share_of(found.mean, size), share_of(found.std, whole)
+        how = f"samples of all modes of {found.of}, on the first mesh"
+        self.lost = ErrorShare(np.nan, of_mean, of_std, how)
+        self.target = max(self.target - max(of_mean, of_std), LEAST_BESIDE_FIELDS * self.target)
 
     def _first_chaos(
         self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]

@@ -37,7 +37,7 @@ from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
 from dolfinx_frontend.estimate.pieces import pieces_of
 from dolfinx_frontend.estimate.recovery import ASTRAY, Doubts, recovery
 from dolfinx_frontend.estimate.transposed import Transposed
-from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides
+from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides, walls_not_seen
 from dolfinx_frontend.estimate.zones import contact_zones
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.fitting import fitted
@@ -193,8 +193,8 @@ def discretisation_error(
     KeyboardInterrupt
         At Ctrl-C.
     SceneError
-        A result without fields, an unknown interface, a quantity with no dual problem, or one that did not
-        converge.
+        A result without fields, an unknown interface, a quantity with no dual problem, one that did not
+        converge, or walls of revolution of one linear cell across.
     """
     if not hasattr(result, "without_recovery"):
         raise SceneError(f"discretisation_error: result = {short(result)}; give a result of solve")
@@ -215,6 +215,11 @@ def discretisation_error(
             "that has its rank, or None for the energy"
         )
     problem.check_alike("discretisation_error", quantity=wanted, step=step)
+    for name in walls_not_seen(problem):
+        raise SceneError(
+            f"discretisation_error: substructure {name!r} is a wall of revolution of one linear cell across, "
+            "whose stresses tell nothing of their error; give degree=2, or more cells across"
+        )
     at = number if isinstance(number, AtPoint) else None
     if at is not None:
         step = check_step(result.times, at.step, "discretisation_error") if result.times is not None else -1

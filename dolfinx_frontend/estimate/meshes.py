@@ -17,7 +17,6 @@ from dataclasses import replace
 from math import isfinite
 from typing import Any, Literal
 
-import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
@@ -42,6 +41,7 @@ from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import MARGIN, Judged
 from dolfinx_frontend.estimate.levels import of_two_meshes
+from dolfinx_frontend.estimate.unseen import one_cell_across
 from dolfinx_frontend.estimate.zones import soft_springs
 from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -180,6 +180,7 @@ class _Meshes(Judged):
             method,
             known=self._of_random(),
             first=self.chaos if self.chaos is not None and self.chaos.problem is problem else None,
+            lost=self.lost,
             **settings,
         )
 
@@ -229,7 +230,8 @@ class _Meshes(Judged):
         """The points of the last mesh, if few of them are enough; of linear laws its chaos is kept."""
         if self.fine is None or self.fine.samples.problem is not self.problem:
             # a budget has ended the search for meshes
-            if self.before is None or self.given_up:
+            measured = self.chaos is not None and self.chaos.problem is self.problem
+            if self.before is None or self.given_up or measured:
                 return None
             others = {name: value for name, value in settings.items() if name != "options"}
             self._deviation_fits(method, options, others)
@@ -456,17 +458,7 @@ class _Meshes(Judged):
 
 
 def _seen_across(spec: SubstructureSpec) -> SubstructureSpec:
-    """A part, of degree 2 if it is a wall of revolution of one linear cell across.
-
-    There the slope is the same everywhere and the hoop strain follows from the nodes: no estimate sees what
-    is left of it.
-    """
+    """A part, of degree 2 if it is a wall of revolution of one linear cell across."""
     if not spec.axisymmetric or spec.degree != 1 or spec.spread:
         return spec
-    topology = spec.part.mesh.topology
-    topology.create_connectivity(topology.dim - 1, topology.dim)
-    topology.create_connectivity(topology.dim - 1, 0)
-    facets = dmesh.exterior_facet_indices(topology)
-    on_rim = dmesh.compute_incident_entities(topology, facets, topology.dim - 1, 0)
-    whole = topology.index_map(0).size_local
-    return spec if len(on_rim) < whole else replace(spec, degree=2)
+    return replace(spec, degree=2) if one_cell_across(spec.part.mesh) else spec

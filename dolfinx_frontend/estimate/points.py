@@ -94,6 +94,9 @@ state misleads, fewer."""
 PAIRS = ((3e-2, 8), (3e-3, 16), (0.0, 32))
 """Pairs of samples of what a truncated field leaves out, for accuracies down to this."""
 
+PAIRS_FOR_ALL = ((3e-2, 8), (3e-3, 32), (0.0, 128))
+"""The same on a coarse mesh, for all meshes: there they cost little, and what they do not know counts."""
+
 MOST_FIELD_MODES = 300
 
 TAIL = np.array([2.5, 3.5, 4.5, 5.5, 6.5])
@@ -650,6 +653,7 @@ def lost_of_fields(
     value: MeanStd,
     complete: Callable[[SampleResult], None],
     target: float = 0.0,
+    of_pairs: Sequence[tuple[float, int]] = PAIRS,
 ) -> Lost | None:
     """What the modes that fields leave out do to mean and deviation of a quantity, and of which fields.
 
@@ -661,7 +665,7 @@ def lost_of_fields(
     if full is None:
         return None
     rng = np.random.default_rng(0)
-    own, pairs = result.space, next(count for least, count in PAIRS if target >= least)
+    own, pairs = result.space, next(count for least, count in of_pairs if target >= least)
     points = own.from_uniform(rng.random((pairs, own.dimension)))
     names = list(full.space.germ_names)
     at = rng.standard_normal((pairs, full.space.dimension))

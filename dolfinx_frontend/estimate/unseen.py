@@ -45,7 +45,9 @@ __all__ = [
     "of_shape",
     "of_shapes",
     "of_springs",
+    "one_cell_across",
     "other_sides",
+    "walls_not_seen",
 ]
 
 SHARP = np.pi / 4.0
@@ -279,6 +281,31 @@ def _longer(part: Substructure, found: _Round, points: Array) -> Longer:
     distance, _ = cKDTree(points).query(centre)
     areas = found.areas[distance <= reach]
     return Longer(float(areas.sum()), float(areas @ found.longer[distance <= reach]))
+
+
+def one_cell_across(mesh: dmesh.Mesh) -> bool:
+    """Whether all vertices of a mesh lie on its rim.
+
+    In a wall of revolution of such linear cells the slope is the same everywhere and the hoop strain follows from
+    the nodes: no estimate sees what is left of it.
+    """
+    topology = mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    topology.create_connectivity(topology.dim - 1, 0)
+    facets = dmesh.exterior_facet_indices(topology)
+    on_rim = dmesh.compute_incident_entities(topology, facets, topology.dim - 1, 0)
+    return len(on_rim) >= int(topology.index_map(0).size_local)
+
+
+def walls_not_seen(problem: Problem) -> list[str]:
+    """Parts that are walls of revolution of one linear cell across; collective."""
+    own = {
+        name: True
+        for name, part in problem.own.substructures.items()
+        if part.around and name not in problem.spread
+        if int(part.space.element.basix_element.degree) == 1 and one_cell_across(part.part.mesh)
+    }
+    return list(problem.gather(own, parts=True))
 
 
 def of_crossing_chords(problem: Problem) -> dict[str, float]:

@@ -7,6 +7,7 @@ import pytest
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry import SizeField, from_gmsh, gmsh_session, remeshable
 from dolfinx_frontend.geometry.parts import Part
@@ -127,3 +128,14 @@ def test_walls_of_one_linear_cell_across(along: int) -> None:
     result = solve(scene, accuracy=1e-3, quantity=Resultant("fit"), progress=False)
     assert result.errors().reached
     assert Resultant("fit").at_end(result, result) == pytest.approx(tube_force(KAPPA, SHRINK), rel=1e-3)
+
+
+def test_nothing_is_believed_of_walls_of_one_linear_cell_across() -> None:
+    """On a mesh that is given as it is, where they cannot get another degree."""
+    problem = assemble(tubes(Elastic(normal=KAPPA, jump=SHRINK), "quadrilateral", 1, cells=(1, 4)))
+    result = solve(problem, accuracy=1e-1, quantity="fit", progress=False)
+    made = result.errors()
+    assert not made.reached
+    assert made.discretisation is not None and "one linear cell across" in made.discretisation.how
+    with pytest.raises(SceneError, match="'in' is a wall .* degree=2"):
+        discretisation_error(solve(problem), Resultant("fit"))
