@@ -184,7 +184,7 @@ def solve_to_accuracy(
     compared
         What errors are relative to; None: as the quantity says.
     lost
-        What the modes that random fields leave out do, relative to mean and deviation, where that was measured
+        What the modes that random fields leave out do, relative to mean and deviation, where it was measured
         before.
 
     Returns
@@ -753,8 +753,8 @@ class _Search:
 
 
 def of_each(chaos: ChaosResult, target: float, spread: float, loosest: float = LOOSEST) -> float:
-    """Tolerance of single points on the solver of a chaos: relative to the whole, of which a quantity may scatter
-    by the share `spread` only."""
+    """Tolerance of single points on the solver of a chaos: relative to the whole, of which a quantity may
+    scatter by the share `spread` only."""
     if not chaos.collocations:
         loosest = LOOSEST_LINEAR
     return float(np.clip(TIGHT * target * spread, FINEST, loosest))

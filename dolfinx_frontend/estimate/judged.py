@@ -48,7 +48,7 @@ from dolfinx_frontend.estimate.mesh_error import (
     with_dual,
 )
 from dolfinx_frontend.estimate.pieces import of_chords_on_ranks
-from dolfinx_frontend.estimate.points import PAIRS_FOR_ALL, lost_of_fields
+from dolfinx_frontend.estimate.points import lost_of_fields
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.estimate.zones import (
     RESOLVED,
@@ -136,8 +136,13 @@ FOLLOWS = 1.5
 LESS = 0.8
 """Share of what the meshes leave of the accuracy that is asked of points."""
 
-LEAST_BESIDE_FIELDS = 0.5
-"""Share of what they may leave that the meshes keep at least, whatever random fields leave out."""
+LEAST_BESIDE_FIELDS, LITTLE = 0.5, 0.03
+"""Share of what they may leave that the meshes keep at least, whatever random fields leave out; and the share
+of it that is little."""
+
+AS_MUCH = 0.05
+"""Change of the variance that modes of fields leave out, relative to it, from mesh to mesh, up to which these
+are taken for the same."""
 
 ALMOST = 0.85
 """Share of an accuracy up to which meshes may come for points to fit into what is left: the sum is asked for
@@ -194,7 +199,7 @@ class Judged:
         self.share: ErrorShare | None = None
         self.run = Interrupt(holds=False, alone=comm is None or comm.size == 1)
         self.answered: tuple[Result, ErrorShare] | None = None
-        self.target = accuracy
+        self.target = self.of_meshes = accuracy
         self.steps: list[MeshStep] = []
         self.places: tuple[Place, ...] = ()
         self.notes: list[str] = []
@@ -205,7 +210,7 @@ class Judged:
         self.first: Problem | None = None
         self.of_first: ChaosResult | None = None
         self.chaos: ChaosResult | None = None
-        self.lost: ErrorShare | None = None
+        self.lost: tuple[Problem, dict[str, float], ErrorShare] | None = None
         self.plain = True
         self.coarse: CoarsePoints | None = None
         self.fine: FinePoints | None = None
@@ -947,6 +952,7 @@ class Judged:
                 whole = self.said + (self.fine.made.total if self.fine is not None else np.inf)
                 return self.said <= self.target or whole <= self.accuracy
             old, self.chaos = self.chaos, self._chaos_on(self.problem, method, options, settings)
+            self._leave_room_for_fields(self.chaos)
             # the first mesh is the cheapest one, and tells enough if little has changed since
             left = self._left_of_std(self.of_first, 0)
             if left > max(self.target, self.said) * (self.chaos.mean_std(self.quantity).std or 0.0):
@@ -1049,23 +1055,39 @@ class Judged:
         return self.said <= self.target
 
     def _leave_room_for_fields(self, chaos: ChaosResult) -> None:
-        """Measure on the first mesh, where points are cheap, what the modes that random fields leave out do: the
-        meshes may use what that leaves of the accuracy."""
-        fields = any(isinstance(each, DiscretisedField) for each in chaos.random.sources.values())
-        if self.lost is not None or not fields:
+        """What the modes that random fields leave out do on a mesh is no error of it: the meshes may use what
+        that leaves of the accuracy. Where it is little on the first mesh, it is not asked of others."""
+        little = self.lost is not None and self.target == self.of_meshes
+        if little or not _captured(chaos.random) or self.lost_on(chaos.problem) is not None:
             return
         assert isinstance(self.quantity, Resultant)
         value = chaos.mean_std(self.quantity)
-        size, whole = self.quantity.compared.size(value.mean, value.std), max(value.std or 0.0, self._least(1e-9))
-        spread = min(share_of(whole, value.mean), 1.0) or 1e-6
-        rtol = of_each(chaos, self.accuracy, spread)
-        found = lost_of_fields(chaos, self.quantity, rtol, value, complete, self.accuracy, PAIRS_FOR_ALL)
+        size = self.quantity.compared.size(value.mean, value.std)
+        whole = max(value.std or 0.0, self._least(1e-9))
+        rtol = of_each(chaos, self.accuracy, min(share_of(whole, value.mean), 1.0) or 1e-6)
+        found = lost_of_fields(chaos, self.quantity, rtol, value, complete, self.accuracy)
         if found is None or not isfinite(found.mean + found.std):
             return
         of_mean, of_std = share_of(found.mean, size), share_of(found.std, whole)
-        how = f"samples of all modes of {found.of}, on the first mesh"
-        self.lost = ErrorShare(np.nan, of_mean, of_std, how)
-        self.target = max(self.target - max(of_mean, of_std), LEAST_BESIDE_FIELDS * self.target)
+        share = ErrorShare(np.nan, of_mean, of_std, f"samples of all modes of {found.of}")
+        self.lost = chaos.problem, _captured(chaos.random), share
+        of_fields = max(of_mean, of_std)
+        if of_fields > LITTLE * self.of_meshes:
+            self.target = max(self.of_meshes - of_fields, LEAST_BESIDE_FIELDS * self.of_meshes)
+
+    def lost_on(self, problem: Problem) -> ErrorShare | None:
+        """What the modes that random fields leave out do, relative to mean and deviation, as it was measured
+        on these meshes or on others whose modes have as much of the variance; None: it was not."""
+        if self.lost is None:
+            return None
+        measured_on, before, share = self.lost
+        if measured_on is problem:
+            return share
+        now = _captured(RandomLaws.of(problem))
+        alike = now.keys() == before.keys() and all(
+            abs(now[name] - before[name]) <= AS_MUCH * (1.0 - now[name]) for name in now
+        )
+        return replace(share, how=f"{share.how}, on other meshes") if alike else None
 
     def _first_chaos(
         self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
@@ -1098,3 +1120,8 @@ class Judged:
         if active is None and self.quantity.interface not in RandomLaws.of(problem).interfaces:
             return [self.quantity.interface]
         return active
+
+
+def _captured(random: RandomLaws) -> dict[str, float]:
+    """Field -> share of its variance in its modes."""
+    return {s.name: s.captured for s in random.sources.values() if isinstance(s, DiscretisedField)}

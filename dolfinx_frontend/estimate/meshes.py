@@ -180,7 +180,7 @@ class _Meshes(Judged):
             method,
             known=self._of_random(),
             first=self.chaos if self.chaos is not None and self.chaos.problem is problem else None,
-            lost=self.lost,
+            lost=self.lost_on(problem),
             **settings,
         )
 
@@ -279,7 +279,8 @@ class _Meshes(Judged):
         self.random = bool(RandomLaws.of(problem).every)
         self.first = problem
         curved = any(not each.law.linear for each in problem.interfaces.values())
-        self.target = (OF_MESHES_RANDOM if self.random and curved else OF_MESHES) * self.accuracy
+        self.of_meshes = (OF_MESHES_RANDOM if self.random and curved else OF_MESHES) * self.accuracy
+        self.target = self.of_meshes
         self.plain = settings["options"] is None
         options = settings.pop("options") or (Options.plain() if method == "latin" else Options())
         options = options.with_(rtol=max(OF_ITERATION * self.accuracy, FINEST))

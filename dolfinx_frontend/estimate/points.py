@@ -25,10 +25,11 @@ from scipy.special import ndtr, ndtri
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
+from dolfinx_frontend.estimate.errors import size_of
 from dolfinx_frontend.estimate.kinks import all_states_of, opening_directions
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.errors import MeanStd
+from dolfinx_frontend.results.errors import MeanStd, share_of
 from dolfinx_frontend.results.resultant import Wanted
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.sampling import sample_on
@@ -91,11 +92,19 @@ AGAIN, AGAIN_LINEAR = 32, 4
 """Points that are solved again to a hundredth of the tolerance, in another order; of linear laws, which no
 state misleads, fewer."""
 
-PAIRS = ((3e-2, 8), (3e-3, 16), (0.0, 32))
-"""Pairs of samples of what a truncated field leaves out, for accuracies down to this."""
+PAIRS, MOST_PAIRS, MOST_PAIRS_CURVED = 16, 512, 64
+"""Pairs of samples of what a truncated field leaves out: first, and at most, of linear laws and of others."""
 
-PAIRS_FOR_ALL = ((3e-2, 8), (3e-3, 32), (0.0, 128))
-"""The same on a coarse mesh, for all meshes: there they cost little, and what they do not know counts."""
+OF_LOST, OF_TARGET = 0.25, 0.1
+"""What two standard errors of them may be: of what they tell, or of the accuracy."""
+
+SHARED = 4
+"""Pairs with the same lost modes and others of the rest: what these do alike says nothing of a deviation."""
+
+MOST_NOT_RESOLVED, UNRESOLVED, MOST_UNRESOLVED = 3.0, 2.5, 0.5
+"""How much more modes that points do not resolve are taken to do at most; and by how much more than they have
+of the variance, relative to that, and at most: layers with 8 points over two correlation lengths told 1.4
+times too little, with 32 points what they lack."""
 
 MOST_FIELD_MODES = 300
 
@@ -618,12 +627,6 @@ def moments_of_sets(
     return value, float(spread[0] + bias[0]), float(spread[1] + bias[1])
 
 
-def _sure(values: Array) -> float:
-    """What the mean of some samples is more than three standard errors."""
-    doubt = 3.0 * float(values.std(ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else np.inf
-    return max(abs(float(values.mean())) - doubt, 0.0)
-
-
 # --- fields -----------------------------------------------------------------------------------------
 def _fuller(random: RandomLaws) -> RandomLaws | None:
     """The same with all modes that the points of its fields resolve; None: there is no field."""
@@ -653,59 +656,101 @@ def lost_of_fields(
     value: MeanStd,
     complete: Callable[[SampleResult], None],
     target: float = 0.0,
-    of_pairs: Sequence[tuple[float, int]] = PAIRS,
 ) -> Lost | None:
     """What the modes that fields leave out do to mean and deviation of a quantity, and of which fields.
 
-    Samples of the fields as they are and with all modes that their points resolve, in antithetic pairs, fewer
-    where a coarse accuracy `target` is asked for.
+    Samples of the fields as they are and with all modes that their points resolve, in antithetic pairs, until
+    their scatter is small beside what they tell or beside `target`, the accuracy that is asked for. Few
+    points do not resolve all modes: the others do as much more as they have of the variance.
     None: nothing is left out.
     """
     full = _fuller(result.random)
     if full is None:
         return None
     rng = np.random.default_rng(0)
-    own, pairs = result.space, next(count for least, count in of_pairs if target >= least)
-    points = own.from_uniform(rng.random((pairs, own.dimension)))
+    own, pairs = result.space, PAIRS
     names = list(full.space.germ_names)
-    at = rng.standard_normal((pairs, full.space.dimension))
     known = [names.index(name) for name in own.germ_names]
     lost = np.setdiff1d(np.arange(len(names)), known)
-    other = at.copy()
-    other[:, lost] *= -1.0
-    for block in (at, other):
-        block[:, known] = points
-    both = np.concatenate([at, other])
-    good = np.logical_and(lawful(full, both[:pairs]), lawful(full, both[pairs:]))
-    if not good.any():
-        return Lost(np.nan, np.nan, "fields")
     plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))
-    known_ones = solved(result, points[good], np.ones(int(good.sum())), rtol, quantity)
-    complete(known_ones)
-    twice = both[np.tile(good, 2)]
-    with_all = sample_on(
-        result.solver,
-        full,
-        plan,
-        twice,
-        np.full(len(twice), 1.0 / len(twice)),
-        "quadrature",
-        keep_states=quantity.needs_states,
-        scatter=False,
-    )
-    complete(with_all)
-    base = quantity.at_end(known_ones, known_ones)
-    change = quantity.at_end(with_all, with_all).reshape(2, -1) - base
-    shift = change.mean(axis=0)
-    mean = _sure(shift)
-    # a sum of squares of n normal numbers, whose standard error is sqrt(2 / n): two of these more
-    square = float(np.mean(change**2)) * (1.0 + 2.0 * np.sqrt(2.0 / len(base)))
-    along = _sure(shift * (base - base.mean()))
-    std = value.std or 0.0
-    of_std = float(np.sqrt(std**2 + square + 2.0 * along)) - std
-    told = ", ".join(
+    base, change = np.zeros(0), np.zeros((2, 0))
+    size, whole = size_of(value, quantity), max(value.std or 0.0, quantity.compared.least)
+    while True:
+        points = own.from_uniform(rng.random((pairs, own.dimension)))
+        at = rng.standard_normal((pairs, full.space.dimension))
+        at[:, lost] = np.repeat(at[::SHARED, lost], SHARED, axis=0)
+        other = at.copy()
+        other[:, lost] *= -1.0
+        for block in (at, other):
+            block[:, known] = points
+        both = np.concatenate([at, other])
+        good = np.logical_and(lawful(full, both[:pairs]), lawful(full, both[pairs:]))
+        good = np.repeat(good.reshape(-1, SHARED).all(axis=1), SHARED)
+        if not good.any():
+            return Lost(np.nan, np.nan, "fields")
+        known_ones = solved(result, points[good], np.ones(int(good.sum())), rtol, quantity)
+        complete(known_ones)
+        twice = both[np.tile(good, 2)]
+        with_all = sample_on(
+            result.solver,
+            full,
+            plan,
+            twice,
+            np.full(len(twice), 1.0 / len(twice)),
+            "quadrature",
+            keep_states=quantity.needs_states,
+            scatter=False,
+        )
+        complete(with_all)
+        here = quantity.at_end(known_ones, known_ones)
+        base = np.concatenate([base, here])
+        change = np.hstack([change, quantity.at_end(with_all, with_all).reshape(2, -1) - here])
+        mean, of_std, doubts = _lost(base, change, value.std or 0.0)
+        told = max(share_of(mean, size), share_of(of_std, whole))
+        doubt = max(share_of(doubts[0], size), share_of(doubts[1], whole))
+        most = MOST_PAIRS if not result.collocations else MOST_PAIRS_CURVED
+        if not doubt > max(OF_LOST * told, OF_TARGET * target) or 2 * len(base) > most:
+            break
+        pairs = len(base)  # as many again
+    more = _not_resolved(result.random, full)
+    of = ", ".join(
         f"{s.name} ({100.0 * s.captured:.4g} % of its variance)"
         for s in dict.fromkeys(result.random.sources.values())
         if isinstance(s, DiscretisedField)
     )
-    return Lost(mean, of_std, told)
+    return Lost(more * (mean + doubts[0]), more * (of_std + doubts[1]), of)
+
+
+def _lost(base: Array, change: Array, std: float) -> tuple[float, float, tuple[float, float]]:
+    """Sizes of the changes of mean and deviation by pairs: the quantity without the lost modes (n,) and its
+    changes (2, n), in groups of `SHARED` with the same lost modes; and twice the standard errors of both."""
+    base, change = base.reshape(-1, SHARED), change.reshape(2, -1, SHARED)
+    shift = change.mean(axis=0)
+    means, squares = shift.mean(axis=1), np.mean(change**2, axis=(0, 2))
+    # what a draw of the lost modes does at all points of its group goes with none of them
+    apart = (shift - means[:, None]) * (base - base.mean(axis=1)[:, None])
+    added = squares + 2.0 * apart.sum(axis=1) / (SHARED - 1)
+
+    def of_variance(change: float) -> float:
+        return abs(float(np.sqrt(max(std**2 + change, 0.0))) - std)
+
+    of_std = of_variance(float(added.mean()))
+    if len(base) < 2:
+        return abs(float(means.mean())), of_std, (np.inf, np.inf)
+    of_mean, doubt = (2.0 * float(each.std(ddof=1)) / np.sqrt(len(base)) for each in (means, added))
+    most = max(of_variance(float(added.mean()) + sign * doubt) for sign in (-1.0, 1.0))
+    return abs(float(means.mean())), of_std, (of_mean, most - of_std)
+
+
+def _not_resolved(own: RandomLaws, full: RandomLaws) -> float:
+    """Variance that fields have beside their modes, over what of it the points resolve: of the field with
+    most."""
+    most = 1.0
+    for key, source in own.sources.items():
+        wider = full.sources[key]
+        if isinstance(source, DiscretisedField) and isinstance(wider, DiscretisedField):
+            found = wider.captured - source.captured
+            if found > 0.0:
+                most = max(most, (1.0 - source.captured) / found)
+    most = min(most, MOST_NOT_RESOLVED)
+    return most * (1.0 + min(UNRESOLVED * (most - 1.0), MOST_UNRESOLVED))

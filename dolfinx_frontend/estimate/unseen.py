@@ -286,8 +286,8 @@ def _longer(part: Substructure, found: _Round, points: Array) -> Longer:
 def one_cell_across(mesh: dmesh.Mesh) -> bool:
     """Whether all vertices of a mesh lie on its rim.
 
-    In a wall of revolution of such linear cells the slope is the same everywhere and the hoop strain follows from
-    the nodes: no estimate sees what is left of it.
+    In a wall of revolution of such linear cells the slope is the same everywhere and the hoop strain follows
+    from the nodes: no estimate sees what is left of it.
     """
     topology = mesh.topology
     topology.create_connectivity(topology.dim - 1, topology.dim)
