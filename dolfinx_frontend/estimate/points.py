@@ -92,11 +92,14 @@ AGAIN, AGAIN_LINEAR = 32, 4
 """Points that are solved again to a hundredth of the tolerance, in another order; of linear laws, which no
 state misleads, fewer."""
 
-PAIRS, MOST_PAIRS, MOST_PAIRS_CURVED = 16, 512, 64
+PAIRS, MOST_PAIRS, MOST_PAIRS_CURVED = 32, 128, 32
 """Pairs of samples of what a truncated field leaves out: first, and at most, of linear laws and of others."""
 
 OF_LOST, OF_TARGET = 0.25, 0.1
 """What two standard errors of them may be: of what they tell, or of the accuracy."""
+
+ALONG = 1.0
+"""See `_lost`."""
 
 SHARED = 4
 """Pairs with the same lost modes and others of the rest: what these do alike says nothing of a deviation."""
@@ -705,11 +708,13 @@ def lost_of_fields(
         here = quantity.at_end(known_ones, known_ones)
         base = np.concatenate([base, here])
         change = np.hstack([change, quantity.at_end(with_all, with_all).reshape(2, -1) - here])
-        mean, of_std, doubts = _lost(base, change, value.std or 0.0)
-        told = max(share_of(mean, size), share_of(of_std, whole))
-        doubt = max(share_of(doubts[0], size), share_of(doubts[1], whole))
+        found, doubts = _lost(base, change, size, value.std or 0.0)
+        told, doubt = (max(share_of(x.mean, size), share_of(x.std or 0.0, whole)) for x in (found, doubts))
         most = MOST_PAIRS if not result.collocations else MOST_PAIRS_CURVED
-        if not doubt > max(OF_LOST * told, OF_TARGET * target) or 2 * len(base) > most:
+        # of what is more than is asked in any case less has to be known
+        wanted = max(OF_LOST * told * (2.0 if told > 2.0 * target else 1.0), OF_TARGET * target)
+        enough = not doubt > wanted
+        if enough or 2 * len(base) > most:
             break
         pairs = len(base)  # as many again
     more = _not_resolved(result.random, full)
@@ -718,28 +723,37 @@ def lost_of_fields(
         for s in dict.fromkeys(result.random.sources.values())
         if isinstance(s, DiscretisedField)
     )
-    return Lost(more * (mean + doubts[0]), more * (of_std + doubts[1]), of)
+    return Lost(more * (found.mean + doubts.mean), more * ((found.std or 0.0) + (doubts.std or 0.0)), of)
 
 
-def _lost(base: Array, change: Array, std: float) -> tuple[float, float, tuple[float, float]]:
-    """Sizes of the changes of mean and deviation by pairs: the quantity without the lost modes (n,) and its
-    changes (2, n), in groups of `SHARED` with the same lost modes; and twice the standard errors of both."""
+def _lost(base: Array, change: Array, size: float, std: float) -> tuple[MeanStd, MeanStd]:
+    """Sizes of the changes of mean and deviation by pairs, and what two standard errors add: the quantity
+    without the lost modes (n,) and its changes (2, n), in groups of `SHARED` with the same lost modes.
+
+    The variance grows by that of the lost modes themselves, and by what they do more at some values of the
+    others than at other ones. Unless it is plain, this is taken for at most `ALONG` times what they do to the
+    mean, relative to deviation and mean: as where they act like a factor.
+    """
     base, change = base.reshape(-1, SHARED), change.reshape(2, -1, SHARED)
     shift = change.mean(axis=0)
     means, squares = shift.mean(axis=1), np.mean(change**2, axis=(0, 2))
     # what a draw of the lost modes does at all points of its group goes with none of them
     apart = (shift - means[:, None]) * (base - base.mean(axis=1)[:, None])
-    added = squares + 2.0 * apart.sum(axis=1) / (SHARED - 1)
+    along = apart.sum(axis=1) / (SHARED - 1)
+
+    def sure(values: Array) -> tuple[float, float]:
+        doubt = 2.0 * float(values.std(ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else np.inf
+        return float(values.mean()), doubt
 
     def of_variance(change: float) -> float:
         return abs(float(np.sqrt(max(std**2 + change, 0.0))) - std)
 
-    of_std = of_variance(float(added.mean()))
-    if len(base) < 2:
-        return abs(float(means.mean())), of_std, (np.inf, np.inf)
-    of_mean, doubt = (2.0 * float(each.std(ddof=1)) / np.sqrt(len(base)) for each in (means, added))
-    most = max(of_variance(float(added.mean()) + sign * doubt) for sign in (-1.0, 1.0))
-    return abs(float(means.mean())), of_std, (of_mean, most - of_std)
+    (mean, of_mean), (added, of_squares), (with_others, of_others) = map(sure, (means, squares, along))
+    least = max(abs(with_others) - of_others, 0.0)
+    most = min(abs(with_others) + of_others, max(least, ALONG * share_of(abs(mean) + of_mean, size) * std**2))
+    known = max(of_variance(added + 2.0 * sign * least) for sign in (-1.0, 1.0))
+    at_most = max(of_variance(added + of_squares + 2.0 * sign * most) for sign in (-1.0, 1.0))
+    return MeanStd(abs(mean), known), MeanStd(of_mean, max(at_most - known, 0.0))
 
 
 def _not_resolved(own: RandomLaws, full: RandomLaws) -> float:

@@ -33,13 +33,13 @@ def layer(modes: int) -> Scene:
     return scene
 
 
-@pytest.mark.parametrize(("modes", "accuracy"), [(2, 3e-2), (3, 1.4e-2), (4, 9e-3)])
+@pytest.mark.parametrize(("modes", "accuracy"), [(2, 3e-2), (3, 2e-2), (4, 9e-3)])
 def test_meshes_leave_room_for_what_fields_leave_out(modes: int, accuracy: float) -> None:
     result = solve(layer(modes), accuracy=accuracy, quantity=SLIP, progress=False)
     made, value = result.errors(), result.mean_std(SLIP)
     assert made.field is not None and value.std is not None
     off = max(abs(value.mean / MEAN - 1.0), abs(value.std / DEVIATION - 1.0))
-    assert made.reached and 0.5 * accuracy < off <= made.in_all <= accuracy
+    assert made.reached and 0.4 * accuracy < off <= made.in_all <= accuracy
 
 
 def test_what_fields_leave_out_may_be_more_than_is_asked() -> None:
