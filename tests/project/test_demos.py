@@ -208,13 +208,13 @@ def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
 def test_benchmark_of_contact(tmp_path: Path) -> None:
     """Units of the sweep are there, and the peers agree where they are installed."""
     file = tmp_path / "record.json"
-    small = ["--size", "coarse", "--sets", "3", "--cells", "3", "--checked", "2", "--repeats", "1"]
+    small = ["--size", "coarse", "--sets", "2", "--cells", "2", "--checked", "2", "--repeats", "1"]
     run("tests/benchmarks/contact.py", *small, "--sector", "16", "--json", str(file))
     record = json.loads(file.read_text())
     for key in ("unit_s", "first_solve_units", "per_set_units"):
         assert record[key] > 0.0
     assert record["iterations_first"] > 0 and record["iterations_per_set"] > 0
-    assert record["lap"]["sets"] == record["lap"]["converged"] == 27
+    assert record["lap"]["sets"] == record["lap"]["converged"] == 8
     assert record["lap"]["error"] <= 1e-3
     for each in record["lap"]["k"].values():
         assert each["status"] != "converged" or each["error"] <= 10.0 * 1e-5
@@ -228,5 +228,5 @@ def test_benchmark_of_contact(tmp_path: Path) -> None:
                 assert "ccx" in peer["reason"] or "getfem" in peer["reason"]
                 continue
             # their contact has another discretisation: O(h) at the rim, where the stress is singular
-            assert peer["max_difference"] <= 0.015
+            assert peer["max_difference"] <= 0.0225
             assert peer["force_difference"] <= 0.005
