@@ -96,7 +96,7 @@ PAIRS, MOST_PAIRS, MOST_PAIRS_CURVED = 32, 128, 32
 """Pairs of samples of what a truncated field leaves out: first, and at most, of linear laws and of others."""
 
 OF_LOST, OF_TARGET = 0.25, 0.1
-"""What two standard errors of them may be: of what they tell, or of the accuracy."""
+"""What a standard error of them may be: of what they tell, or of the accuracy."""
 
 ALONG = 1.0
 """See `_lost`."""
@@ -679,9 +679,12 @@ def lost_of_fields(
     base, change = np.zeros(0), np.zeros((2, 0))
     size, whole = size_of(value, quantity), max(value.std or 0.0, quantity.compared.least)
     while True:
-        points = own.from_uniform(rng.random((pairs, own.dimension)))
-        at = rng.standard_normal((pairs, full.space.dimension))
-        at[:, lost] = np.repeat(at[::SHARED, lost], SHARED, axis=0)
+        points = own.from_uniform(_strata(rng, pairs, own.dimension))
+        at = np.zeros((pairs, full.space.dimension))
+        # of one side of zero, as the pairs have both: what few lost modes do goes with their squares
+        sides = rng.choice([-1.0, 1.0], (pairs // SHARED, len(lost)))
+        sizes = ndtri(0.5 + 0.5 * _strata(rng, pairs // SHARED, len(lost)))
+        at[:, lost] = np.repeat(sides * sizes, SHARED, axis=0)
         other = at.copy()
         other[:, lost] *= -1.0
         for block in (at, other):
@@ -726,8 +729,14 @@ def lost_of_fields(
     return Lost(more * (found.mean + doubts.mean), more * ((found.std or 0.0) + (doubts.std or 0.0)), of)
 
 
+def _strata(rng: np.random.Generator, count: int, dimension: int) -> Array:
+    """Points (count, dimension) of the unit cube, one in each of `count` layers in every direction."""
+    layers = rng.permuted(np.tile(np.arange(count), (dimension, 1)), axis=1).T
+    return np.asarray((layers + rng.random((count, dimension))) / count)
+
+
 def _lost(base: Array, change: Array, size: float, std: float) -> tuple[MeanStd, MeanStd]:
-    """Sizes of the changes of mean and deviation by pairs, and what two standard errors add: the quantity
+    """Sizes of the changes of mean and deviation by pairs, and what a standard error adds: the quantity
     without the lost modes (n,) and its changes (2, n), in groups of `SHARED` with the same lost modes.
 
     The variance grows by that of the lost modes themselves, and by what they do more at some values of the
@@ -742,7 +751,8 @@ def _lost(base: Array, change: Array, size: float, std: float) -> tuple[MeanStd,
     along = apart.sum(axis=1) / (SHARED - 1)
 
     def sure(values: Array) -> tuple[float, float]:
-        doubt = 2.0 * float(values.std(ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else np.inf
+        # of draws that were independent: strata leave less, but for what modes do together
+        doubt = float(values.std(ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else np.inf
         return float(values.mean()), doubt
 
     def of_variance(change: float) -> float:

@@ -14,10 +14,10 @@ from dolfinx_frontend.uncertainty.fields import RandomField
 
 SLIP = Resultant("layer", of="jump", component=1)
 
-MEAN, DEVIATION = 3.608e-3, 1.3480e-3
+MEAN, DEVIATION, KNOWN = 3.608e-3, 1.3480e-3, 3e-4
 """Of the slip with the whole field: on uniform meshes of degree 2 with 16, 32 and 64 cells across and 32, 64
 and 128 modes 16384, 16384 and 4096 Sobol points give means of 3.60314, 3.60584 and 3.60667e-3, deviations of
-1.34645, 1.34774 and 1.34730e-3; carried on to 3.608 and 1.348 +- 0.001."""
+1.34645, 1.34774 and 1.34730e-3; carried on to 3.608 and 1.348 +- 0.001, known to 3e-4."""
 
 
 def layer(modes: int) -> Scene:
@@ -39,12 +39,28 @@ def test_meshes_leave_room_for_what_fields_leave_out(modes: int, accuracy: float
     made, value = result.errors(), result.mean_std(SLIP)
     assert made.field is not None and value.std is not None
     off = max(abs(value.mean / MEAN - 1.0), abs(value.std / DEVIATION - 1.0))
-    assert made.reached and 0.4 * accuracy < off <= made.in_all <= accuracy
+    assert made.reached and 0.4 * accuracy < off <= made.in_all + KNOWN
 
 
 def test_what_fields_leave_out_may_be_more_than_is_asked() -> None:
     result = solve(layer(3), accuracy=6e-3, quantity=SLIP, progress=False)
     made = result.errors()
     assert not made.reached and made.dominating == "field"
-    # the last term: how well the exact mean is known
-    assert abs(result.mean_std(SLIP).mean / MEAN - 1.0) <= made.in_all + 3e-4
+    assert abs(result.mean_std(SLIP).mean / MEAN - 1.0) <= made.in_all + KNOWN
+
+
+def test_one_mode_left_out_of_a_long_field() -> None:
+    """Stiff blocks: what one mode does goes with its square, of which few draws know little. All modes by Sobol
+    points on meshes of 16 and 32 cells across: 1.3e-2 more scatter; 8e-3 was said."""
+    scene = Scene()
+    for name, x0 in (("a", 0.0), ("b", 1.0)):
+        part = geometry.box((1.0, 1.24), (2, 3), (x0, 0.0), "triangle")
+        scene.substructure(name, part, LinearElastic(E=1e4, nu=0.3), degree=1)
+    scene.fix("a:x0", name="wall")
+    scene.traction("b:x1", (1.0, 0.4), name="pull")
+    stiffness = RandomField(
+        "k", mean=105.0, cov=0.49, covariance="gaussian", length=3.37, modes=1, distribution="lognormal"
+    )
+    scene.interface("j", "a:x1", "b:x0", Elastic(normal=stiffness, tangential=stiffness))
+    made = solve(scene, accuracy=1e-2, quantity=Resultant("j", of="jump"), progress=False).errors()
+    assert not made.reached and 1.2e-2 <= made.relative("field") <= 3.0 * 1.3e-2
