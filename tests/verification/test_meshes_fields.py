@@ -50,8 +50,8 @@ def test_what_fields_leave_out_may_be_more_than_is_asked() -> None:
 
 
 def test_one_mode_left_out_of_a_long_field() -> None:
-    """Stiff blocks: what one mode does goes with its square, of which few draws know little. All modes by Sobol
-    points on meshes of 16 and 32 cells across: 1.3e-2 more scatter; 8e-3 was said."""
+    """Stiff blocks: what one mode does goes with its square, of which few draws know little. All modes by
+    Sobol points on meshes of 16 and 32 cells across: 1.3e-2 more scatter; 8e-3 was said."""
     scene = Scene()
     for name, x0 in (("a", 0.0), ("b", 1.0)):
         part = geometry.box((1.0, 1.24), (2, 3), (x0, 0.0), "triangle")
