@@ -676,7 +676,8 @@ def lost_of_fields(
     known = [names.index(name) for name in own.germ_names]
     lost = np.setdiff1d(np.arange(len(names)), known)
     plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))
-    base, change = np.zeros(0), np.zeros((2, 0))
+    base: Array = np.zeros(0)
+    change: Array = np.zeros((2, 0))
     size, whole = size_of(value, quantity), max(value.std or 0.0, quantity.compared.least)
     while True:
         points = own.from_uniform(_strata(rng, pairs, own.dimension))

@@ -241,7 +241,7 @@ def test_what_fields_leave_out_is_an_error(modes):
     assert found.std is not None and made.field is not None and made.whole is not None
     true = (std - found.std) / found.std
     said = made.relative("field")
-    # 32 pairs share 8 draws of the lost modes, which know a variance to 1 +- sqrt(2 / 8), two of which are added
+    # 32 pairs share 8 draws of the lost modes, one standard error of which is added
     assert 0.9 * true <= said <= 3.0 * true + 1e-4
     assert made.reached == (made.total <= 1e-3)
     assert f"{100 * result.random.sources['line', 'normal'].captured:.4g} %" in made.field.how
