@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import functools
 import os
+import pickle
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from time import perf_counter, sleep
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
@@ -44,6 +46,7 @@ __all__ = [
     "place",
     "swap",
     "together",
+    "waited",
 ]
 
 P = ParamSpec("P")
@@ -227,12 +230,58 @@ def _check_alive(comm: Any) -> None:
         )
 
 
+BRIEF, PAUSE = 1e-3, 2e-4
+"""Seconds of waiting in which a rank only offers its core to others, and of sleep between two looks after that."""
+
+_awaited: dict[int, Any] = {}
+"""Of a communicator, the request of a meeting that Ctrl-C has ended: the other ranks still count on it."""
+
+
+def waited(request: Any) -> None:
+    """Wait for messages and leave the core to others meanwhile, which MPI's own waiting does not; Ctrl-C comes
+    through."""
+    began = perf_counter()
+    while not request.Test():
+        if perf_counter() - began < BRIEF:
+            os.sched_yield()
+        else:
+            sleep(PAUSE)
+
+
+def _everyone_says(comm: Any, content: T) -> list[T]:
+    """What every rank says, in their order; collective. Ctrl-C ends the wait for the others."""
+    key = comm.py2f()
+    if key not in _awaited:
+        _awaited[key] = comm.Ibarrier()
+    waited(_awaited[key])
+    del _awaited[key]
+    held: list[KeyboardInterrupt] = []
+
+    def finish(request: Any) -> None:
+        try:
+            waited(request)
+        except KeyboardInterrupt as error:  # all are here, and none leaves before it has heard the others
+            request.Wait()
+            held.append(error)
+
+    own = pickle.dumps(content, protocol=pickle.HIGHEST_PROTOCOL)
+    sizes = np.empty(comm.size, dtype=np.int64)
+    finish(comm.Iallgather(np.array([len(own)]), sizes))
+    ends = np.cumsum(sizes)
+    block = bytearray(int(ends[-1]))
+    finish(comm.Iallgatherv([own, MPI.BYTE], [block, (sizes, ends - sizes), MPI.BYTE]))
+    if held:
+        raise held[0]
+    said = memoryview(block)
+    return [pickle.loads(said[end - size : end]) for size, end in zip(sizes, ends, strict=True)]
+
+
 def _meet(comm: Any, call: str, content: T, failure: str | None = None) -> list[tuple[str, T]]:
     """What all ranks call and say; raises on those that have not failed if one has."""
     _check_alive(comm)
     for each in _OPEN.calls:
         each.met = each.met or each.comm == comm
-    every = comm.allgather((call, content, failure))
+    every = _everyone_says(comm, (call, content, failure))
     if failure is None:
         for rank, (_, _, message) in enumerate(every):
             if message is not None:
