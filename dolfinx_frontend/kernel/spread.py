@@ -103,6 +103,10 @@ class PointRanks:
         """What the first rank says."""
         return self._shares.told(value)
 
+    def joined(self, own: list[Any]) -> list[Any]:
+        """The lists of all ranks, or groups, one after the other."""
+        return self._shares.joined(own)
+
 
 def point_ranks(where: str, problem: Problem, points_comm: Any) -> PointRanks | None:
     """The ranks that a user wants points spread over; None: none are given."""

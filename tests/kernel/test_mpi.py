@@ -184,7 +184,7 @@ def test_a_rank_that_cannot_mesh_its_part_again_ends_all() -> None:
     ("ranks", "calls"),
     [
         (2, {"solve": "same solutions", "fail": "failed together"}),
-        (2, {"points": "same points"}),
+        (2, {"points": "same points", "shared": "shared points"}),
         (3, {"solve": "same solutions"}),
     ],
 )
