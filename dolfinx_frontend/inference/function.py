@@ -156,7 +156,7 @@ class ProblemFunction:
         self._written = checkpoint is not None
         if ranks is not None:
             facts = facts_of(inputs, quantities, plan, codes=False)
-            ranks.check_same("function", facts)
+            ranks.check_same(facts)
         if checkpoint is not None:
             with agreed_over(ranks):
                 if ranks is None or ranks.first:

@@ -80,7 +80,7 @@ class PointRanks:
         """As :meth:`Problem.check_alike`, of these ranks."""
         check_alike(self.comm, call, given)
 
-    def check_same(self, where: str, facts: Facts) -> None:
+    def check_same(self, facts: Facts) -> None:
         """Refuse a rank whose problem is another one, which it may be with meshes that are made anew.
 
         Raises
@@ -89,15 +89,13 @@ class PointRanks:
             What differs, on all ranks.
         """
         mine = json.loads(json.dumps(facts))
-        theirs = self._shares.told(mine)
-        with agreement(self.comm):
-            different = differences(theirs, mine)
+        for rank, different in enumerate(exchanged(self.comm, differences(self._shares.told(mine), mine))):
             if different:
                 more = f", and {len(different) - 4} more" if len(different) > 4 else ""
                 raise SceneError(
-                    f"{where}: rank {self.comm.rank} of points_comm has another problem than the first one, "
-                    f"they differ in: {'; '.join(different[:4])}{more}: assemble the same scene on all ranks "
-                    "(read a mesh from a file instead of making it on each, if it comes out differently)"
+                    f"points_comm: rank {rank} has another problem than rank 0, they differ in: "
+                    f"{'; '.join(different[:4])}{more}: assemble the same scene on all ranks (read a mesh from "
+                    "a file instead of making it on each, if it comes out differently)"
                 )
 
     def told(self, value: Any) -> Any:

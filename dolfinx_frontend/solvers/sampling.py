@@ -272,7 +272,7 @@ def sample_on(
         if file is not None or ranks is not None:
             header = _header(problem, plan, parameters, file is not None)
     if ranks is not None and header is not None:
-        ranks.check_same("sampling", header)
+        ranks.check_same(header)
 
     inexact: list[float] = []
 
