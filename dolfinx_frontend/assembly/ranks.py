@@ -232,15 +232,15 @@ def _check_alive(comm: Any) -> None:
 
 
 BRIEF, PAUSE = 1e-3, 2e-4
-"""Seconds of waiting in which a rank only offers its core to others, and of sleep between two looks after that."""
+"""Seconds of waiting in which a rank only offers its core to others, and of sleep between later looks."""
 
 _awaited: dict[int, Any] = {}
 """Of a communicator, the request of a meeting that Ctrl-C has ended: the other ranks still count on it."""
 
 
 def waited(request: Any) -> None:
-    """Wait for messages and leave the core to others meanwhile, which MPI's own waiting does not; Ctrl-C comes
-    through."""
+    """Wait for messages and leave the core to others meanwhile, which MPI's own waiting does not; Ctrl-C
+    comes through."""
     began = perf_counter()
     while not request.Test():
         if perf_counter() - began < BRIEF:
@@ -313,7 +313,9 @@ def _check_calls(every: Sequence[_Said[Any]], told: Sequence[str], verb: str) ->
             first, other = (told[k] or every[k].step or "something else" for k in (0, rank))
             call = every[rank].call if every[rank].call == every[0].call else ""
             raise _known_to_all(
-                SceneError(f"{call and call + ': '}rank 0 {verb} {first}, rank {rank} {verb} {other}: {_RULE}")
+                SceneError(
+                    f"{call and call + ': '}rank 0 {verb} {first}, rank {rank} {verb} {other}: {_RULE}"
+                )
             )
 
 
@@ -412,8 +414,8 @@ def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
                 values = exchanged(comm, described(given.get(name, _NOT_THERE)))
                 one, two = difference(values[0], values[rank])
                 raise SceneError(
-                    f"{said.call or call}: {name} differs between ranks: {one} on rank 0, {two} on rank {rank}; "
-                    f"{_RULE}"
+                    f"{said.call or call}: {name} differs between ranks: {one} on rank 0, {two} on rank "
+                    f"{rank}; {_RULE}"
                 )
 
 

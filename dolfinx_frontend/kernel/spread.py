@@ -94,8 +94,8 @@ class PointRanks:
                 more = f", and {len(different) - 4} more" if len(different) > 4 else ""
                 raise SceneError(
                     f"points_comm: rank {rank} has another problem than rank 0, they differ in: "
-                    f"{'; '.join(different[:4])}{more}: assemble the same scene on all ranks (read a mesh from "
-                    "a file instead of making it on each, if it comes out differently)"
+                    f"{'; '.join(different[:4])}{more}: assemble the same scene on all ranks (read a mesh "
+                    "from a file instead of making it on each, if it comes out differently)"
                 )
 
     def told(self, value: Any) -> Any:

@@ -1,7 +1,7 @@
 """Program of test_mpi.py: bodies without a factor over the ranks, against factors on one rank.
 
-``mpirun -n N python mpi_multigrid.py solve|points|shared|groups|fail``; prints a line a rank. With three ranks the second
-one has no part.
+``mpirun -n N python mpi_multigrid.py solve|points|shared|groups|fail``; prints a line a rank. With three
+ranks the second one has no part, and groups are of two.
 """
 
 from __future__ import annotations
