@@ -49,10 +49,12 @@ STEEL = LinearElastic(E=200e3, nu=0.3)
 def scene(
     comm: Any, law: Any, degree: int, hexahedra: bool, other: int = 3, cells: int = 3, material: Any = STEEL
 ) -> Scene:
-    """A cube on one rank, on a cube that may be spread; both heavy, pressed together."""
+    """A cube on one rank, on a cube that may be spread; both heavy, pressed together. The material of the lower
+    one may be a function of its mesh."""
     made = Scene()
     large = block(comm, cells, 0.0, hexahedra)
-    made.substructure("lower", large, material, degree=degree, body_force=(0, 0, -5.0))
+    lower = material if isinstance(material, LinearElastic) else material(large.mesh)
+    made.substructure("lower", large, lower, degree=degree, body_force=(0, 0, -5.0))
     made.substructure("upper", block(MPI.COMM_SELF, other, 1.0, hexahedra), STEEL, degree=degree)
     made.interface("joint", "upper:z0", "lower:z1", law)
     made.fix("lower:z0")
@@ -342,6 +344,38 @@ def loose() -> None:
             raise AssertionError(name)
 
 
+def graded(mesh: Any) -> Any:
+    """A form with fields, a constant and a place in it."""
+    soft, steps = (fem.Function(fem.functionspace(mesh, each)) for each in (("Lagrange", 2), ("DG", 0)))
+    soft.interpolate(lambda x: 1.0 + x[0] * x[2])
+    steps.interpolate(lambda x: 1.0 + x[1] ** 2)
+    modulus = fem.Constant(mesh, 100e3) * soft * steps * (2.0 + ufl.SpatialCoordinate(mesh)[1])
+    material = LinearElastic(E=modulus, nu=0.3)
+    return lambda u, v: material.bilinear(u, v) * ufl.dx(domain=mesh)
+
+
+def tagged(mesh: Any) -> Any:
+    """A form over tagged cells, which are all."""
+    count = mesh.topology.index_map(3).size_local
+    cells = np.arange(count, dtype=np.int32)
+    of_cells = ufl.Measure("dx", mesh, subdomain_data=dmesh.meshtags(mesh, 3, cells, cells * 0 + 7))
+    return lambda u, v: STEEL.bilinear(u, v) * of_cells(7)
+
+
+def fields() -> None:
+    """The mesh errors of a part whose material is a form with fields."""
+    law = Elastic(normal=1e5, tangential=4e4)
+    for degree, hexahedra in ((1, True), (2, False)):
+        numbers = []
+        for comm in (WORLD, MPI.COMM_SELF):
+            made = scene(comm, law, degree, hexahedra, material=graded)
+            made.fix("upper:z1", name="held")
+            result = lf.solve(lf.assemble(made, comm=comm), active=["joint"], options=TIGHT)
+            found = lf.discretisation_error(result, Resultant("joint"))
+            numbers.append([found.energy, *found.parts.values(), found.quantity, found.bound])
+        same("fields", *numbers)
+
+
 def refused() -> None:
     """What such a part cannot have."""
     law = Elastic(normal=1e5, tangential=4e4)
@@ -355,12 +389,12 @@ def refused() -> None:
             assert text in str(error), error
         else:
             raise AssertionError(text)
-    made = scene(WORLD, law, 1, True, material=lambda u, v: STEEL.bilinear(u, v))
+    made = scene(WORLD, law, 1, True, material=tagged)
     result = lf.solve(lf.assemble(made, comm=WORLD), active=["joint"])
     try:
         lf.discretisation_error(result)
     except lf.SceneError as error:
-        assert "is spread over the" in str(error), error
+        assert "is spread over the" in str(error) and "subdomains" in str(error), error
     else:
         raise AssertionError("the stress of a form")
     found = result.errors("joint")
@@ -378,7 +412,7 @@ def refused() -> None:
 
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
-    calls: dict[str, Any] = {"columns": (answers, random), "inside": (inside, loose, refused)}
+    calls: dict[str, Any] = {"columns": (answers, random), "inside": (inside, loose, fields, refused)}
     calls |= {"numbers": (estimates,), "meshes": (meshes,)}
     for each in calls[sys.argv[1]]:
         each()
