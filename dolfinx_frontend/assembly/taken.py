@@ -275,7 +275,6 @@ class Surroundings:
             out[of] = values
         return out.ravel()
 
-
     def field(self, of: Any) -> Any:
         """A function on the whole mesh as one on the mesh of `part`, None where there is none; collective.
 

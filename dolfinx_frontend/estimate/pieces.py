@@ -148,7 +148,7 @@ def _moved(whole: Condensed) -> Callable[[Any, Any], Any] | None:
     Raises
     ------
     SceneError
-        Fields whose unknowns are not values at points, or that are on another mesh; integrals over subdomains.
+        Fields whose unknowns are not values at points, or on another mesh; integrals over subdomains.
     """
     around, mesh = whole.surroundings, whole.part.mesh
     integrand: Callable[[Any, Any], Any] = getattr(whole.material, "bilinear", whole.material)
@@ -169,8 +169,8 @@ def _moved(whole: Condensed) -> Callable[[Any, Any], Any] | None:
             wrong = f"the field {f.name!r}, whose unknowns are not values at points"
     if wrong:
         raise SceneError(
-            f"the mesh of {whole.name!r} is spread over the ranks, and its material has {wrong}: the energy of "
-            "an error is not known; make the mesh on COMM_SELF"
+            f"the mesh of {whole.name!r} is spread over the ranks, and its material has {wrong}: the energy "
+            "of an error is not known; make the mesh on COMM_SELF"
         )
     fields = {f: around.field(f) for f in coefficients}
     if around.part is None:

@@ -49,8 +49,8 @@ STEEL = LinearElastic(E=200e3, nu=0.3)
 def scene(
     comm: Any, law: Any, degree: int, hexahedra: bool, other: int = 3, cells: int = 3, material: Any = STEEL
 ) -> Scene:
-    """A cube on one rank, on a cube that may be spread; both heavy, pressed together. The material of the lower
-    one may be a function of its mesh."""
+    """A cube on one rank, on a cube that may be spread; both heavy, pressed together. The material of the
+    lower one may be a function of its mesh."""
     made = Scene()
     large = block(comm, cells, 0.0, hexahedra)
     lower = material if isinstance(material, LinearElastic) else material(large.mesh)
