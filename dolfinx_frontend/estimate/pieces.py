@@ -17,6 +17,7 @@ import ufl
 from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
 from ufl.geometry import GeometricQuantity
 
+from dolfinx_frontend.assembly.places import Place, place_of
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.spread import Condensed
@@ -25,8 +26,9 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import Doubts, recovery
 from dolfinx_frontend.estimate.unseen import CROSSING, Longer, of_chords, of_shape
+from dolfinx_frontend.results.probes import AtPoint
 
-__all__ = ["Piece", "of_chords_on_ranks", "pieces_of"]
+__all__ = ["Piece", "of_chords_on_ranks", "pieces_of", "within_cell"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,25 @@ class Piece:
         every = comm.allgather(mine)
         longer = Longer.together([each[1] for each in every])
         return float(abs(sum(each[0] for each in every)) + longer.share * abs(value))
+
+    def within_cell(self, at: AtPoint, u: Any, slopes: Array) -> float:
+        """See :func:`within_cell`, of a function on the whole mesh; 0 but on the rank that has the cell.
+        Collective.
+
+        Parameters
+        ----------
+        slopes
+            Derivatives of the number by the unknowns that this rank knows.
+        """
+        comm, (values,) = self._values((u,))
+        found = 0.0
+        with agreement(comm):
+            if at.is_here:
+                assert self.part is not None
+                place = place_of(str(at), self.part.part.mesh, self.part.space, at.point)
+                own = np.asarray(u.x.array)
+                found = within_cell(at, self.part, place, values, own, slopes[at.unknowns])
+        return found
 
     def of_chords(self, points: Array) -> float:
         """What its chords beside points do, see :func:`of_crossing_chords`; collective."""
@@ -128,6 +149,30 @@ def pieces_of(problem: Problem) -> Mapping[str, Piece]:
         points = np.concatenate([np.zeros((0, whole.dim)), *faces])
         found[name] = Piece(whole, kept["_around"], around.own, points)
     return found
+
+
+def within_cell(
+    at: AtPoint, part: Substructure, place: Place, values: Array, u: Array, slopes: Array
+) -> float:
+    """How far a stress at a point is from the one with the recovered gradient there, in its unit.
+
+    Of displacements that fill the same cell with the recovered gradient: the number at the point is what
+    the derivatives give of the difference.
+
+    Parameters
+    ----------
+    part, place, values
+        What gradients are recovered from: cells, the place of the point there, unknowns (n,).
+    u, slopes
+        Unknowns of the mesh that the number is read from, and its derivatives (k,) by those of the cell.
+    """
+    if at.of == "displacement":
+        return 0.0
+    d = part.dim
+    field = recovery(part).gradient_field(values)
+    nodes = np.asarray(field.function_space.dofmap.list)[place.cell]
+    gradient = (place.shape @ field.x.array.reshape(-1, d * d)[nodes]).reshape(d, d)
+    return abs(float(slopes @ (at.moved(u, gradient) - u[at.unknowns])))
 
 
 def of_chords_on_ranks(problem: Problem) -> dict[str, float]:

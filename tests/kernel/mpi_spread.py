@@ -376,6 +376,34 @@ def fields() -> None:
         same("fields", *numbers)
 
 
+def points() -> None:
+    """The mesh errors of numbers inside of a part, and where they come from."""
+    law = Contact(stiffness=1e5, friction=0.3)
+    for degree, hexahedra in ((1, True), (2, False)):
+        found = []
+        for comm in (WORLD, MPI.COMM_SELF):
+            made = scene(comm, law, degree, hexahedra)
+            made.fix("upper:z1", name="held")
+            problem = lf.assemble(made, comm=comm)
+            result = lf.solve(problem, active=["joint"], options=TIGHT)
+            for of, component in (("displacement", "z"), ("stress", "zz"), ("stress", "mises")):
+                at = lf.AtPoint(problem, "lower", (0.52, 0.41, 0.57), of, component)
+                found.append(lf.discretisation_error(result, at))
+        for one, other in zip(found[:3], found[3:], strict=True):
+            assert other.quantity > 1e-3 * abs(other.value)
+            for read in ("energy", "quantity", "correction", "value", "seen", "uncancelled"):
+                same(read, getattr(one, read), getattr(other, read))
+            if "lower" in one.cells:
+                same("cells", np.sort(one.cells["lower"]), np.sort(other.cells["lower"]))
+    steps = []
+    for comm in (WORLD, MPI.COMM_SELF):
+        made = corner(comm, Elastic(normal=1e3, tangential=1e3), "triangle")
+        at = lf.AtPoint(lf.assemble(made, comm=comm), "L", (0.3, 0.31), "stress", "yy")
+        result = lf.solve(made, accuracy=5e-2, quantity=at, comm=comm, progress=False)
+        steps.append([(each.unknowns, each.changed) for each in result.errors().steps])
+    assert steps[0] == steps[1] and any("cut" in str(each) for each in steps[0]), steps
+
+
 def refused() -> None:
     """What such a part cannot have."""
     law = Elastic(normal=1e5, tangential=4e4)
@@ -413,6 +441,6 @@ def refused() -> None:
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
     calls: dict[str, Any] = {"columns": (answers, random), "inside": (inside, loose, fields, refused)}
-    calls |= {"numbers": (estimates,), "meshes": (meshes,)}
+    calls |= {"numbers": (points, estimates), "meshes": (meshes,)}
     for each in calls[sys.argv[1]]:
         each()
