@@ -229,9 +229,9 @@ def discretisation_error(
         dual = _Dual.of(result, number, step, fields)
         value = _value(result, number, step, fields)
     slopes = None if at is None else _slopes(result, at)
-    inside = None
+    inside: dict[str, Array] = {}
     if at is not None and at.part in pieces:
-        inside = over_all_ranks(at.inside, problem)(result.shown())
+        inside[at.part] = over_all_ranks(at.inside, problem)(result.shown())
     z = {} if dual is None else dual.solve()
     solved = perf_counter()
     with agreement(problem.comm), np.errstate(over="ignore", invalid="ignore"):  # told below
@@ -247,15 +247,15 @@ def discretisation_error(
             local = within_cell(at, part, at.place, u, u, slopes[1])
             cells[at.part][at.cell] += local
     if at is not None and at.part in pieces:
-        local = pieces[at.part].within_cell(at, whole_fields[at.part], inside)
+        local = pieces[at.part].within_cell(at, whole_fields[at.part], inside[at.part])
     if at is not None and problem.comm is not None:
         local = max(exchanged(problem.comm, local))
     shapes: dict[str, float] = {}
     whole_duals = {}
     for name, piece in pieces.items():
         whole_duals[name] = whole_fields[name] if dual is None else piece.whole.answer(z.get(name))
-        if at is not None and at.part == name:
-            whole_duals[name].x.array[:] += piece.whole.held(inside).x.array
+        if name in inside:
+            whole_duals[name].x.array[:] += piece.whole.held(inside[name]).x.array
         both = [whole_fields[name]] if dual is None else [whole_fields[name], whole_duals[name]]
         found[name], of_cells = _Errors.summed(*piece.by_cell(*both))
         if name in problem.own.substructures:

@@ -1,6 +1,6 @@
 """Program of test_mpi.py: a part whose mesh is spread over the ranks, against the same on one.
 
-``mpirun -n N python mpi_spread.py (columns | inside | numbers | meshes)``
+``mpirun -n N python mpi_spread.py (columns | inside | points | numbers | meshes)``
 """
 
 from __future__ import annotations
@@ -402,6 +402,7 @@ def points() -> None:
         result = lf.solve(made, accuracy=5e-2, quantity=at, comm=comm, progress=False)
         steps.append([(each.unknowns, each.changed) for each in result.errors().steps])
     assert steps[0] == steps[1] and any("cut" in str(each) for each in steps[0]), steps
+    print(f"same points on rank {RANK}", flush=True)
 
 
 def refused() -> None:
@@ -441,6 +442,6 @@ def refused() -> None:
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
     calls: dict[str, Any] = {"columns": (answers, random), "inside": (inside, loose, fields, refused)}
-    calls |= {"numbers": (points, estimates), "meshes": (meshes,)}
+    calls |= {"points": (points,), "numbers": (estimates,), "meshes": (meshes,)}
     for each in calls[sys.argv[1]]:
         each()

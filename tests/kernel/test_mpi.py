@@ -157,6 +157,7 @@ def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
     [
         (2, "inside", ("same inside", "refused")),
         (3, "columns", ("same part", "same columns")),
+        (2, "points", ("same points",)),
         (3, "numbers", ("same estimates",)),
         (2, "meshes", ("same meshes",)),
     ],
