@@ -31,6 +31,7 @@ from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
 from dolfinx_frontend.estimate.meshes import solve_scene
 from dolfinx_frontend.kernel.running import check_running
+from dolfinx_frontend.kernel.spread import check_given_alike
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -473,8 +474,9 @@ def monte_carlo(
     problem: Problem, samples: int, seed: int = 0, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
     """Monte Carlo with `samples` independent points; `settings` as for :func:`sample`."""
-    space = _space("monte_carlo", problem)
-    return sample(problem, space.sample(samples, seed), **settings)
+    germs = _space("monte_carlo", problem).sample(samples, seed)
+    check_given_alike(problem, "monte_carlo", settings.get("points_comm"), samples=samples, seed=seed)
+    return sample(problem, germs, **settings)
 
 
 @together("quasi_monte_carlo")
@@ -482,8 +484,9 @@ def quasi_monte_carlo(
     problem: Problem, samples: int, seed: int = 0, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
     """Scrambled Sobol points, a power of two of them; `settings` as for :func:`sample`."""
-    space = _space("quasi_monte_carlo", problem)
-    return sample(problem, space.sample_sobol(samples, seed), kind="qmc", **settings)
+    germs = _space("quasi_monte_carlo", problem).sample_sobol(samples, seed)
+    check_given_alike(problem, "quasi_monte_carlo", settings.get("points_comm"), samples=samples, seed=seed)
+    return sample(problem, germs, kind="qmc", **settings)
 
 
 @together("tensor_quadrature")
@@ -492,6 +495,7 @@ def tensor_quadrature(
 ) -> SampleResult:
     """Tensor Gauss rule with `points` in each germ; `settings` as for :func:`sample`."""
     rule = _space("tensor_quadrature", problem).tensor_gauss(points)
+    check_given_alike(problem, "tensor_quadrature", settings.get("points_comm"), points=points)
     return sample(problem, rule.points, rule.weights, "quadrature", **settings)
 
 
@@ -501,4 +505,5 @@ def sparse_quadrature(
 ) -> SampleResult:
     """Smolyak rule, exact for total degree 2 level + 1; `settings` as for :func:`sample`."""
     rule = _space("sparse_quadrature", problem).sparse_gauss(level)
+    check_given_alike(problem, "sparse_quadrature", settings.get("points_comm"), level=level)
     return sample(problem, rule.points, rule.weights, "quadrature", **settings)

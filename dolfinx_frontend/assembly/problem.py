@@ -141,6 +141,12 @@ class Problem(OneProcess):
         """Whether this rank has the first side of an interface: one rank has."""
         return self.interfaces[name].sides[0].substructure in self.substructures
 
+    @cached_property
+    def owner(self) -> Mapping[str, int]:
+        """Part -> the rank that it belongs to; 0 where there is one rank."""
+        spread = self.distribution
+        return ReadOnlyDict({name: 0 if spread is None else spread.owner[name] for name in self.parts})
+
     @property
     def rank(self) -> int:
         """This rank; 0 where there is one."""

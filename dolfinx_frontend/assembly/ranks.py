@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import functools
 import os
+import pickle
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from time import perf_counter, sleep
 from types import TracebackType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -44,6 +46,7 @@ __all__ = [
     "place",
     "swap",
     "together",
+    "waited",
 ]
 
 P = ParamSpec("P")
@@ -206,6 +209,7 @@ class _Call:
     """A call that all ranks make, and whether they have met in it."""
 
     comm: Any
+    name: str
     met: bool = False
 
 
@@ -227,17 +231,92 @@ def _check_alive(comm: Any) -> None:
         )
 
 
-def _meet(comm: Any, call: str, content: T, failure: str | None = None) -> list[tuple[str, T]]:
-    """What all ranks call and say; raises on those that have not failed if one has."""
+BRIEF, PAUSE = 1e-3, 2e-4
+"""Seconds of waiting in which a rank only offers its core to others, and of sleep between later looks."""
+
+_awaited: dict[int, Any] = {}
+"""Of a communicator, the request of a meeting that Ctrl-C has ended: the other ranks still count on it."""
+
+
+def waited(request: Any) -> None:
+    """Wait for messages and leave the core to others meanwhile, which MPI's own waiting does not; Ctrl-C
+    comes through."""
+    began = perf_counter()
+    while not request.Test():
+        if perf_counter() - began < BRIEF:
+            os.sched_yield()
+        else:
+            sleep(PAUSE)
+
+
+def _everyone_says(comm: Any, content: T) -> list[T]:
+    """What every rank says, in their order; collective. Ctrl-C ends the wait for the others."""
+    key = comm.py2f()
+    if key not in _awaited:
+        _awaited[key] = comm.Ibarrier()
+    waited(_awaited[key])
+    del _awaited[key]
+    held: list[KeyboardInterrupt] = []
+
+    def finish(request: Any) -> None:
+        try:
+            waited(request)
+        except KeyboardInterrupt as error:  # all are here, and none leaves before it has heard the others
+            request.Wait()
+            held.append(error)
+
+    own = pickle.dumps(content, protocol=pickle.HIGHEST_PROTOCOL)
+    sizes = np.empty(comm.size, dtype=np.int64)
+    finish(comm.Iallgather(np.array([len(own)]), sizes))
+    ends = np.cumsum(sizes)
+    block = bytearray(int(ends[-1]))
+    finish(comm.Iallgatherv([own, MPI.BYTE], [block, (sizes, ends - sizes), MPI.BYTE]))
+    if held:
+        raise held[0]
+    said = memoryview(block)
+    return [pickle.loads(said[end - size : end]) for size, end in zip(sizes, ends, strict=True)]
+
+
+_RULE = "all ranks must make the same calls in the same order, and be given the same"
+
+
+class _Said(NamedTuple, Generic[T]):
+    """What a rank says where all meet."""
+
+    call: str
+    """Of the user, in which it is."""
+    step: str
+    """Of the call, which has arguments or names of its own."""
+    content: T
+    failure: str | None
+
+
+def _meet(comm: Any, step: str, content: T, failure: str | None = None) -> list[_Said[T]]:
+    """What all ranks call and say; raises on those that have not failed if one has, or makes another call."""
     _check_alive(comm)
-    for each in _OPEN.calls:
-        each.met = each.met or each.comm == comm
-    every = comm.allgather((call, content, failure))
+    own = [each for each in _OPEN.calls if each.comm == comm]
+    for each in own:
+        each.met = True
+    every = _everyone_says(comm, _Said(own[0].name if own else "", step, content, failure))
     if failure is None:
-        for rank, (_, _, message) in enumerate(every):
-            if message is not None:
-                raise _known_to_all(SceneError(f"rank {rank} failed: {message}"))
-    return [(other, said) for other, said, _ in every]
+        for rank, said in enumerate(every):
+            if said.failure is not None:
+                raise _known_to_all(SceneError(f"rank {rank} failed: {said.failure}"))
+        _check_calls(every, [said.call for said in every], "calls")
+    return every
+
+
+def _check_calls(every: Sequence[_Said[Any]], told: Sequence[str], verb: str) -> None:
+    """Raise on all ranks unless all do the same."""
+    for rank, text in enumerate(told):
+        if text != told[0]:
+            first, other = (told[k] or every[k].step or "something else" for k in (0, rank))
+            call = every[rank].call if every[rank].call == every[0].call else ""
+            raise _known_to_all(
+                SceneError(
+                    f"{call and call + ': '}rank 0 {verb} {first}, rank {rank} {verb} {other}: {_RULE}"
+                )
+            )
 
 
 _KNOWN_TO_ALL = "known_to_all_ranks"
@@ -261,7 +340,7 @@ def exchanged(comm: Any, content: T) -> list[T]:
     SceneError
         Another rank has failed in the same call.
     """
-    return [said for _, said in _meet(comm, "", content)]
+    return [said.content for said in _meet(comm, "", content)]
 
 
 @contextmanager
@@ -275,7 +354,7 @@ def one_call(comm: Any, call: str) -> Iterator[None]:
     if comm is None:
         yield
         return
-    own = _Call(comm)
+    own = _Call(comm, call)
     _OPEN.calls.append(own)
     try:
         yield
@@ -300,8 +379,10 @@ def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
             distribution = getattr(getattr(first, "problem", first), "distribution", None)
             comm = getattr(distribution, "comm", None)
             given = kwargs.get("points_comm", kwargs.get("comm"))
-            over = isinstance(given, MPI.Intracomm) and given != MPI.COMM_NULL
-            with one_call(own_communicator(given) if over else None, call), one_call(comm, call):
+            over = getattr(getattr(first, "_ranks", None), "comm", None)
+            if isinstance(given, MPI.Intracomm) and given != MPI.COMM_NULL:
+                over = own_communicator(given)
+            with one_call(over, call), one_call(comm, call):
                 return function(*args, **kwargs)
 
         return called
@@ -325,18 +406,16 @@ def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
         What differs, with the values of two ranks; or another rank has failed before.
     """
     every = _meet(comm, call, {name: digest(value) for name, value in given.items()})
-    rule = "all ranks must make the same calls in the same order, and be given the same"
-    for rank, (other, _) in enumerate(every):
-        if other != every[0][0]:
-            raise SceneError(f"rank 0 calls {every[0][0]}, rank {rank} calls {other}: {rule}")
-    first = every[0][1]
-    for rank, (_, digests) in enumerate(every):
-        for name in dict.fromkeys([*first, *digests]):
-            if first.get(name) != digests.get(name):
-                said = exchanged(comm, described(given.get(name, _NOT_THERE)))
-                one, two = difference(said[0], said[rank])
+    _check_calls(every, [said.step for said in every], "calls")
+    first = every[0].content
+    for rank, said in enumerate(every):
+        for name in dict.fromkeys([*first, *said.content]):
+            if first.get(name) != said.content.get(name):
+                values = exchanged(comm, described(given.get(name, _NOT_THERE)))
+                one, two = difference(values[0], values[rank])
                 raise SceneError(
-                    f"{call}: {name} differs between ranks: {one} on rank 0, {two} on rank {rank}; {rule}"
+                    f"{said.call or call}: {name} differs between ranks: {one} on rank 0, {two} on rank "
+                    f"{rank}; {_RULE}"
                 )
 
 
@@ -363,12 +442,7 @@ def agreement(comm: Any, call: str = "") -> Iterator[None]:
     every = _meet(comm, call, None, None if own is None else _reason(own))
     if own is not None:
         raise _known_to_all(own)
-    for rank, (other, _) in enumerate(every):
-        if other != every[0][0]:
-            raise SceneError(
-                f"rank 0 asks for {every[0][0]}, rank {rank} for {other}: all ranks must make the same calls "
-                "in the same order"
-            )
+    _check_calls(every, [said.step for said in every], "asks for")
 
 
 @contextmanager

@@ -224,13 +224,25 @@ class Surroundings:
         at_corners = pieces[0].cells[:, :corners]
         sent = np.zeros((comm.size, count), dtype=bool)
         sent[comm.rank] = True
+        # of every rank: which of its cells are here, by their places, and which of this rank's it has
+        self._here: list[list[Ints]] = [[] for _ in range(comm.size)]
+        self._lent: list[list[Ints]] = [[] for _ in range(comm.size)]
+        self._here[comm.rank].append(np.arange(count))
+        self._lent[comm.rank].append(np.arange(count))
+        places_taken = count
         for _ in range(layers):
             outgoing = []
             for rank, nodes in enumerate(comm.allgather(edge)):
                 which = np.isin(at_corners, nodes).any(axis=1) & ~sent[rank]
                 sent[rank] |= which
+                self._lent[rank].append(np.flatnonzero(which))
                 outgoing.append(_taken(part, space, np.flatnonzero(which), none) if which.any() else None)
-            taken = [each for each in comm.alltoall(outgoing) if each is not None]
+            taken = []
+            for rank, each in enumerate(comm.alltoall(outgoing)):
+                if each is not None:
+                    taken.append(each)
+                    self._here[rank].append(places_taken + np.arange(len(each.cells)))
+                    places_taken += len(each.cells)
             edge = np.unique(np.concatenate([edge[:0], *(each.cells[:, :corners].ravel() for each in taken)]))
             pieces += taken
         self.part: Part | None = None
@@ -252,6 +264,7 @@ class Surroundings:
         self._of = [np.flatnonzero(owner == rank) for rank in range(comm.size)]
         self._asked = comm.alltoall([places[of] - start for of, start in zip(self._of, starts, strict=True)])
         self._comm, self._dim, self._count = comm, int(space.dofmap.bs), len(places)
+        self._dim_of_x, self._none = int(mesh.geometry.dim), np.zeros(0, dtype=np.int64)
 
     def values(self, field: Any) -> Array:
         """Unknowns (n,) of `space` of a function on the whole mesh; collective."""
@@ -261,6 +274,32 @@ class Surroundings:
         for of, values in zip(self._of, told, strict=True):
             out[of] = values
         return out.ravel()
+
+    def field(self, of: Any) -> Any:
+        """A function on the whole mesh as one on the mesh of `part`, None where there is none; collective.
+
+        Parameters
+        ----------
+        of
+            Of an element whose unknowns are values at points.
+        """
+        space, d = of.function_space, self._dim_of_x
+        nodes, size = np.asarray(space.dofmap.list), int(space.dofmap.bs)
+        x, values = space.tabulate_dof_coordinates()[:, :d], np.asarray(of.x.array).reshape(-1, size)
+        lent = [nodes[np.concatenate([self._none, *cells])] for cells in self._lent]
+        told = self._comm.alltoall([(x[own], values[own]) for own in lent])
+        if self.part is None:
+            return None
+        made = fem.Function(fem.functionspace(self.part.mesh, space.ufl_element()))
+        order = np.argsort(np.concatenate([place for places in self._here for place in places]))
+        at = np.asarray(self.part.mesh.topology.original_cell_index)
+        theirs, known = (np.concatenate(each)[order][at] for each in zip(*told, strict=True))
+        mine = np.asarray(made.function_space.dofmap.list)
+        points = made.function_space.tabulate_dof_coordinates()[:, :d]
+        away = np.linalg.norm(points[mine][:, :, None] - theirs[:, None], axis=3)
+        nearest = np.argmin(away, axis=2)[:, :, None]  # the nodes of a cell may come in another order
+        made.x.array.reshape(-1, size)[mine] = np.take_along_axis(known, nearest, axis=1)
+        return made
 
 
 def _hull(mesh: Any, count: int) -> Ints:

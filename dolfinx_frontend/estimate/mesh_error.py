@@ -34,7 +34,7 @@ from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
-from dolfinx_frontend.estimate.pieces import pieces_of
+from dolfinx_frontend.estimate.pieces import pieces_of, within_cell
 from dolfinx_frontend.estimate.recovery import ASTRAY, Doubts, recovery
 from dolfinx_frontend.estimate.transposed import Transposed
 from dolfinx_frontend.estimate.unseen import of_shapes, of_springs, other_sides, walls_not_seen
@@ -164,8 +164,7 @@ def with_dual(problem: Problem, quantity: Wanted | None) -> Resultant | AtPoint 
         return quantity
     if not isinstance(quantity, Measure) or not isinstance(quantity.function, AtPoint):
         return None
-    at = quantity.function.on(problem)
-    return None if at.part in problem.spread else at
+    return quantity.function.on(problem)
 
 
 @together("discretisation_error")
@@ -184,7 +183,7 @@ def discretisation_error(
         mean of the parameters.
     quantity
         A total force or a mean jump of an interface; a name means its total normal force. Or an
-        :class:`AtPoint`, which has its own step; not inside a part whose mesh is spread over the ranks.
+        :class:`AtPoint`, which has its own step.
     step
         Of a load history. Laws with memory: the dual problem is that of a change from the beginning on.
 
@@ -211,8 +210,8 @@ def discretisation_error(
     number = with_dual(problem, wanted)
     if wanted is not None and number is None:
         raise SceneError(
-            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint in a part "
-            "that has its rank, or None for the energy"
+            f"discretisation_error: {wanted} has no dual problem; give a Resultant, an AtPoint, or None for "
+            "the energy"
         )
     problem.check_alike("discretisation_error", quantity=wanted, step=step)
     for name in walls_not_seen(problem):
@@ -235,6 +234,9 @@ def discretisation_error(
         dual = _Dual.of(result, number, step, fields)
         value = _value(result, number, step, fields)
     slopes = None if at is None else _slopes(result, at)
+    inside: dict[str, Array] = {}
+    if at is not None and at.part in pieces:
+        inside[at.part] = over_all_ranks(at.inside, problem)(result.shown())
     z = {} if dual is None else dual.solve()
     solved = perf_counter()
     with agreement(problem.comm), np.errstate(over="ignore", invalid="ignore"):  # told below
@@ -246,18 +248,25 @@ def discretisation_error(
                 found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
         local = 0.0
         if at is not None and slopes is not None and at.part in cells:
-            local = _within_cell(at, fields[at.part], *slopes)
+            part, u = at.problem.substructures[at.part], fields[at.part]
+            local = within_cell(at, part, at.place, u, u, slopes[1])
             cells[at.part][at.cell] += local
+    if at is not None and at.part in pieces:
+        local = pieces[at.part].within_cell(at, whole_fields[at.part], inside[at.part])
     if at is not None and problem.comm is not None:
         local = max(exchanged(problem.comm, local))
     shapes: dict[str, float] = {}
     whole_duals = {}
     for name, piece in pieces.items():
         whole_duals[name] = whole_fields[name] if dual is None else piece.whole.answer(z.get(name))
+        if name in inside:
+            whole_duals[name].x.array[:] += piece.whole.held(inside[name]).x.array
         both = [whole_fields[name]] if dual is None else [whole_fields[name], whole_duals[name]]
         found[name], of_cells = _Errors.summed(*piece.by_cell(*both))
         if name in problem.own.substructures:
             cells[name] = of_cells
+            if at is not None and at.part == name:
+                cells[name][at.cell] += local
     found = problem.gather(found, parts=True)
     # of rigid motions rounding may leave an energy below 0
     whole = float(np.sqrt(max(sum(each.norm for each in found.values()), 0.0)))
@@ -312,21 +321,6 @@ def _slopes(result: Result, at: AtPoint) -> tuple[Ints, Array]:
     """See :meth:`AtPoint.slopes`; collective."""
     found: tuple[Ints, Array] = over_all_ranks(at.slopes, result.problem)(result.shown())
     return found
-
-
-def _within_cell(at: AtPoint, u: Array, unknowns: Ints, slopes: Array) -> float:
-    """How far a stress at a point is from the one with the recovered gradient there, in its unit.
-
-    Of displacements (n,) that fill the same cell with the recovered gradient: the number at the point is what
-    the derivatives give of the difference.
-    """
-    if at.of == "displacement":
-        return 0.0
-    made, d = recovery(at.problem.substructures[at.part]), at.problem.dim
-    field = made.gradient_field(u)
-    nodes = np.asarray(field.function_space.dofmap.list)[at.place.cell]
-    gradient = (at.place.shape @ field.x.array.reshape(-1, d * d)[nodes]).reshape(d, d)
-    return abs(float(slopes @ (at.moved(u, gradient) - u[unknowns])))
 
 
 class DeviationError(NamedTuple):

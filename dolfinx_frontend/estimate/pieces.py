@@ -6,12 +6,18 @@ whole mesh; what cells contribute is put together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
+import basix
+import dolfinx.fem as fem
 import numpy as np
+import ufl
+from ufl.algorithms.analysis import extract_coefficients, extract_constants, extract_type
+from ufl.geometry import GeometricQuantity
 
+from dolfinx_frontend.assembly.places import Place, place_of
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.spread import Condensed
@@ -20,8 +26,9 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import Doubts, recovery
 from dolfinx_frontend.estimate.unseen import CROSSING, Longer, of_chords, of_shape
+from dolfinx_frontend.results.probes import AtPoint
 
-__all__ = ["Piece", "of_chords_on_ranks", "pieces_of"]
+__all__ = ["Piece", "of_chords_on_ranks", "pieces_of", "within_cell"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +77,25 @@ class Piece:
         longer = Longer.together([each[1] for each in every])
         return float(abs(sum(each[0] for each in every)) + longer.share * abs(value))
 
+    def within_cell(self, at: AtPoint, u: Any, slopes: Array) -> float:
+        """See :func:`within_cell`, of a function on the whole mesh; 0 but on the rank that has the cell.
+        Collective.
+
+        Parameters
+        ----------
+        slopes
+            Derivatives of the number by the unknowns that this rank knows.
+        """
+        comm, (values,) = self._values((u,))
+        found = 0.0
+        with agreement(comm):
+            if at.is_here:
+                assert self.part is not None
+                place = place_of(str(at), self.part.part.mesh, self.part.space, at.point)
+                own = np.asarray(u.x.array)
+                found = within_cell(at, self.part, place, values, own, slopes[at.unknowns])
+        return found
+
     def of_chords(self, points: Array) -> float:
         """What its chords beside points do, see :func:`of_crossing_chords`; collective."""
         comm = self.whole.space.mesh.comm
@@ -88,18 +114,14 @@ def pieces_of(problem: Problem) -> Mapping[str, Piece]:
     Raises
     ------
     SceneError
-        A material that has fields or constants on the whole mesh.
+        A material with what cannot be moved from the whole mesh to cells of it.
     """
     found = {}
     for name, whole in problem.spread.items():
         kept = vars(whole)  # as cached_property does with what is frozen
         around = whole.surroundings
         if "_around" not in kept:
-            if not _is_plain(whole.material):
-                raise SceneError(
-                    f"the mesh of {name!r} is spread over the ranks, which recover no stress of a material "
-                    "that is a form or has fields: make it on COMM_SELF"
-                )
+            material = whole.material if _is_plain(whole.material) else _moved(whole)
             summary = problem.parts[name]
             part: Substructure | None = None
             if around.part is not None:
@@ -116,7 +138,7 @@ def pieces_of(problem: Problem) -> Mapping[str, Piece]:
                     volume=summary.volume,
                     centre=summary.centre,
                     dof_coordinates=around.space.tabulate_dof_coordinates()[:, : whole.dim],
-                    material=whole.material,
+                    material=material,
                 )
             kept["_around"] = part
         faces = [
@@ -129,6 +151,30 @@ def pieces_of(problem: Problem) -> Mapping[str, Piece]:
     return found
 
 
+def within_cell(
+    at: AtPoint, part: Substructure, place: Place, values: Array, u: Array, slopes: Array
+) -> float:
+    """How far a stress at a point is from the one with the recovered gradient there, in its unit.
+
+    Of displacements that fill the same cell with the recovered gradient: the number at the point is what
+    the derivatives give of the difference.
+
+    Parameters
+    ----------
+    part, place, values
+        What gradients are recovered from: cells, the place of the point there, unknowns (n,).
+    u, slopes
+        Unknowns of the mesh that the number is read from, and its derivatives (k,) by those of the cell.
+    """
+    if at.of == "displacement":
+        return 0.0
+    d = part.dim
+    field = recovery(part).gradient_field(values)
+    nodes = np.asarray(field.function_space.dofmap.list)[place.cell]
+    gradient = (place.shape @ field.x.array.reshape(-1, d * d)[nodes]).reshape(d, d)
+    return abs(float(slopes @ (at.moved(u, gradient) - u[at.unknowns])))
+
+
 def of_chords_on_ranks(problem: Problem) -> dict[str, float]:
     """As :func:`of_crossing_chords`, of parts that are spread over the ranks; collective."""
     out: dict[str, float] = {}
@@ -138,6 +184,60 @@ def of_chords_on_ranks(problem: Problem) -> dict[str, float]:
             if named and len(interface.sides) == 2 and interface.matching is None:
                 out[name] = max(out.get(name, 0.0), piece.of_chords(interface.points))
     return out
+
+
+def _moved(whole: Condensed) -> Callable[[Any, Any], Any] | None:
+    """A material that is a form or has fields on the cells that this rank has, None where it has none;
+    collective.
+
+    Raises
+    ------
+    SceneError
+        Fields whose unknowns are not values at points, or on another mesh; integrals over subdomains.
+    """
+    around, mesh = whole.surroundings, whole.part.mesh
+    integrand: Callable[[Any, Any], Any] = getattr(whole.material, "bilinear", whole.material)
+    u, v = ufl.TrialFunction(whole.space), ufl.TestFunction(whole.space)
+    found = integrand(u, v)
+    integrals = found.integrals() if isinstance(found, ufl.Form) else ()
+    terms = [each.integrand() for each in integrals] or [found]
+    wrong = ""
+    if any(each.subdomain_id() != "everywhere" for each in integrals):
+        wrong = "integrals over subdomains"
+    coefficients = {f: None for term in terms for f in extract_coefficients(term)}
+    for f in coefficients:
+        if f.function_space.mesh != mesh:
+            wrong = f"the field {f.name!r} on another mesh"
+        elif f.function_space.num_sub_spaces and not f.function_space.dofmap.bs > 1:
+            wrong = f"the field {f.name!r} of a mixed element"
+        elif f.function_space.element.basix_element.family != basix.ElementFamily.P:
+            wrong = f"the field {f.name!r}, whose unknowns are not values at points"
+    if wrong:
+        raise SceneError(
+            f"the mesh of {whole.name!r} is spread over the ranks, and its material has {wrong}: the energy "
+            "of an error is not known; make the mesh on COMM_SELF"
+        )
+    fields = {f: around.field(f) for f in coefficients}
+    if around.part is None:
+        return None
+    here = around.part.mesh
+    swap: dict[Any, Any] = dict(fields)
+    for term in terms:
+        swap |= {c: fem.Constant(here, c.value) for c in extract_constants(term)}
+        swap |= {g: type(g)(here.ufl_domain()) for g in extract_type(term, GeometricQuantity)}
+
+    def on_cells(w: Any, z: Any) -> Any:
+        every = swap | {u: w, v: z}
+        if not isinstance(found, ufl.Form):
+            return ufl.replace(found, every)
+        return ufl.Form(
+            [
+                each.reconstruct(integrand=ufl.replace(each.integrand(), every), domain=here.ufl_domain())
+                for each in integrals
+            ]
+        )
+
+    return on_cells
 
 
 def _is_plain(material: Any) -> bool:

@@ -21,6 +21,7 @@ from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.inference.chains import Chains, walked
 from dolfinx_frontend.inference.function import ProblemFunction, check_handed_on, problem_function
 from dolfinx_frontend.inference.posterior import Data, Model, covariance_of, modes_of, weighted
+from dolfinx_frontend.kernel.spread import check_given_alike
 from dolfinx_frontend.plan.plan import check_problem
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fitting import openturns
@@ -369,6 +370,18 @@ def calibrate(
     if samples & (samples - 1):
         near = 2 ** samples.bit_length()
         raise SceneError(f"{where}: samples = {samples}: give a power of two, e.g. {near}")
+    check_given_alike(
+        problem,
+        where,
+        settings.get("points_comm"),
+        quantities=quantities,
+        data=data,
+        noise=noise,
+        method=method,
+        inputs=inputs,
+        samples=samples,
+        seed=seed,
+    )
     generator = np.random.default_rng(checked_seed(where, seed))
     bayes = method != "least squares"
     if method == "mcmc":

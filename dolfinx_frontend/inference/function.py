@@ -156,7 +156,7 @@ class ProblemFunction:
         self._written = checkpoint is not None
         if ranks is not None:
             facts = facts_of(inputs, quantities, plan, codes=False)
-            ranks.check_same("function", facts)
+            ranks.check_same(facts)
         if checkpoint is not None:
             with agreed_over(ranks):
                 if ranks is None or ranks.first:
@@ -181,6 +181,7 @@ class ProblemFunction:
             f"{self.seconds:.2f} s)"
         )
 
+    @together("the function")
     def __call__(self, x: npt.ArrayLike) -> Array:
         """Values (N, quantities) at points (N, inputs), or (quantities,) at one point (inputs,).
 
@@ -215,6 +216,7 @@ class ProblemFunction:
             "options=Options(max_iterations=...) or lower rtol"
         )
 
+    @together("evaluate")
     def evaluate(self, x: npt.ArrayLike) -> Evaluation:
         """Values at points (N, inputs) with the status of each; never warns of a status."""
         points = self._inputs.checked(x)
@@ -388,6 +390,7 @@ class ProblemFunction:
         return np.column_stack(found).astype(np.float64)
 
     # --- derivatives ------------------------------------------------------------------------------
+    @together("gradient")
     def gradient(self, x: npt.ArrayLike) -> Array:
         """Derivatives (N, quantities, inputs) at points (N, inputs), or (quantities, inputs) at one point.
 
@@ -422,6 +425,7 @@ class ProblemFunction:
         values = np.array([each.values for each in found]).reshape(-1, len(self.outputs), self.dimension)
         return values if np.ndim(x) > 1 else np.asarray(values[0])
 
+    @together("derivatives")
     def derivatives(self, x: npt.ArrayLike, way: Way | None = None) -> Derivatives:
         """Derivatives at one point (inputs,), with the inputs along which there is a kink; never warns of
         these.
@@ -563,9 +567,12 @@ def problem_function(
         each.check(problem)
     extra = [*more, *(r for each in named.values() for r in each.random)]
     own = Inputs.of(problem, inputs, coordinates, extra)
+    problem.check_alike("function", quantities=named, inputs=own.names, coordinates=coordinates)
     ranks = point_ranks("function", problem, points_comm)
     if ranks is not None:
-        ranks.check_alike("function", method=method, checkpoint=file is None, inputs=own.names, **settings)
+        ranks.check_alike(
+            "function", quantities=named, method=method, checkpoint=file is None, inputs=own.names, **settings
+        )
     with agreed_over(ranks):
         if plan is None:
             plan = own.plan(None, method=method, **settings)

@@ -41,6 +41,7 @@ from dolfinx_frontend.inference.tails import (
     plain_sampling,
     subset_simulation,
 )
+from dolfinx_frontend.kernel.spread import check_given_alike
 from dolfinx_frontend.plan.plan import check_problem
 from dolfinx_frontend.uncertainty.quantities import Estimate
 
@@ -241,14 +242,18 @@ def reliability(
     def answered(problem: Problem) -> _Answer:
         return _Answer.of(problem, event, settings, **asked)
 
+    given = {name: value for name, value in settings.items() if name not in _OF_RANKS}
+    check_given_alike(problem, where, settings.get("points_comm"), laws=True, event=event, **asked, **given)
     if not _on_one_rank(problem, settings) or isinstance(seed, np.random.Generator):
         answer = answered(problem)
     else:
-        problem.check_alike(where, laws=True, event=event, **asked, **settings)
         answer = by_first(problem, gathered(problem), answered)
     _tell(answer, cov)
     return answer.result
 
+
+_OF_RANKS = ("plan", "checkpoint", "points_comm")
+"""Settings that are compared elsewhere, or need not be alike."""
 
 SMALL = 20_000
 """Unknowns up to which the first of several ranks has all of a problem, and the others wait: its iterations
@@ -258,7 +263,7 @@ take less time than their messages do."""
 def _on_one_rank(problem: Problem, settings: Mapping[str, Any]) -> bool:
     """Whether the first rank alone solves the points of a problem that is on several."""
     given = {name for name, value in settings.items() if value is not None}
-    several = problem.comm is not None and not given & {"plan", "checkpoint", "points_comm"}
+    several = problem.comm is not None and not given & set(_OF_RANKS)
     return several and problem.size <= SMALL and not problem.fields
 
 

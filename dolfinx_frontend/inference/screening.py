@@ -10,10 +10,12 @@ import numpy as np
 from scipy import special
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_seed, checked_whole
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.inference.function import check_handed_on, problem_function
+from dolfinx_frontend.kernel.spread import check_given_alike
 from dolfinx_frontend.plan.plan import check_problem
 from dolfinx_frontend.uncertainty.space import sobol_points
 
@@ -68,6 +70,7 @@ class Screening:
         return "\n".join(lines)
 
 
+@together("screen")
 def screen(
     problem: Problem, quantities: Any, *, points: int = 32, seed: int = 0, **settings: Any
 ) -> Screening:
@@ -95,6 +98,9 @@ def screen(
     checked_whole(where, "points", points, 8)
     if points & (points - 1):
         raise SceneError(f"{where}: points = {points}: give a power of two, e.g. {2 ** points.bit_length()}")
+    check_given_alike(
+        problem, where, settings.get("points_comm"), quantities=quantities, points=points, seed=seed
+    )
     function = problem_function(problem, quantities, None, coordinates="normal", **settings)
     try:
         generator = np.random.default_rng(checked_seed(where, seed))

@@ -30,7 +30,7 @@ from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.rows import Rows
 from dolfinx_frontend.kernel.solver import OfWalk, Solver, locked
-from dolfinx_frontend.kernel.spread import PointRanks
+from dolfinx_frontend.kernel.spread import PointRanks, agreed_over
 from dolfinx_frontend.kernel.subspace import Answer, Bodies, Subspace
 from dolfinx_frontend.plan.plan import Plan
 
@@ -531,8 +531,6 @@ def walked(
 
     Raises
     ------
-    SceneError
-        A basis, and points that are spread over ranks.
     NumericalError
         The cycles of multigrid do not converge.
     """
@@ -541,27 +539,29 @@ def walked(
             solver.laws, amplitudes, parameters, order, options, checkpoint=checkpoint, ranks=ranks, **more
         )
         return solver, points
-    if ranks is not None:
-        raise SceneError(
-            "backend 'multigrid' with points_comm: points that are spread over ranks need a factor of the "
-            "parts, backend='cholmod'; leave points_comm out"
-        )
     half = options.with_(rtol=(1.0 - SHARE) * options.rtol)
     own = _Walk(amplitudes, parameters, half, SHARE * options.rtol, more.get("callback"))
     with meeting_often(solver.problem.comm):
-        return _walked_in_basis(solver, own, order, checkpoint, more)
+        return _walked_in_basis(solver, own, order, checkpoint, ranks, more)
 
 
 @alone
 def _walked_in_basis(
-    solver: Solver, own: _Walk, order: Sequence[int], checkpoint: str | Path | None, more: OfWalk
+    solver: Solver,
+    own: _Walk,
+    order: Sequence[int],
+    checkpoint: str | Path | None,
+    ranks: PointRanks | None,
+    more: OfWalk,
 ) -> tuple[Solver, SweepPoints]:
-    """As :func:`walked`, by a solver with a basis."""
+    """As :func:`walked`, by a solver with a basis. Ranks that share the points make the same basis, each for
+    itself."""
     parameters = own.parameters
     assert solver.space is not None
-    if _softer(solver.space, parameters) > ALIKE:
-        solver = _with_springs(solver, parameters)
-    solver, scatter, under, whole = _grown(solver, own, _far(parameters, order), 1.0, _LEAST)
+    with agreed_over(ranks), meeting_often(solver.problem.comm):
+        if _softer(solver.space, parameters) > ALIKE:
+            solver = _with_springs(solver, parameters)
+    solver, scatter, under, whole = _grown_alike(ranks, solver, own, _far(parameters, order), 1.0, _LEAST)
     points: SweepPoints | None = None
     while True:
         check = own.check(solver, scatter, under)
@@ -573,6 +573,7 @@ def _walked_in_basis(
             left,
             own.options,
             checkpoint=checkpoint,
+            ranks=ranks,
             before=points,
             check=check,
             **more,
@@ -584,9 +585,30 @@ def _walked_in_basis(
                 points.scatter = min(points.scatter, scatter)
             return solver, locked(points)
         _log.info("multigrid: %d of %d points need more fields", len(missed), len(left))
-        space = check.space.with_fields(np.hstack(check.fields))
-        solver = Solver(solver.problem, solver.plan, space=space)
-        solver, scatter, under, whole = _grown(solver, own, _far(parameters, missed), scatter, under)
+        lacking = check.fields if ranks is None else ranks.joined(check.fields)
+        with agreed_over(ranks), meeting_often(solver.problem.comm):
+            space = check.space.with_fields(np.hstack(lacking))
+            solver = Solver(solver.problem, solver.plan, space=space)
+        solver, scatter, under, whole = _grown_alike(
+            ranks, solver, own, _far(parameters, missed), scatter, under
+        )
+
+
+def _grown_alike(
+    ranks: PointRanks | None,
+    solver: Solver,
+    own: _Walk,
+    points: Sequence[int],
+    scatter: float,
+    underestimated: float,
+) -> tuple[Solver, float, float, bool]:
+    """As :func:`_grown`, on ranks that share points."""
+    with agreed_over(ranks), meeting_often(solver.problem.comm):
+        solver, scatter, underestimated, whole = _grown(solver, own, points, scatter, underestimated)
+    if ranks is not None:
+        scatter, underestimated = ranks.told((scatter, underestimated))
+        whole = all(ranks.joined([whole]))
+    return solver, scatter, underestimated, whole
 
 
 def _with_springs(solver: Solver, parameters: Sequence[SweptParameter]) -> Solver:

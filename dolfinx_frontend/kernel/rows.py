@@ -11,11 +11,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
-from mpi4py import MPI
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
-from dolfinx_frontend.assembly.ranks import exchanged
+from dolfinx_frontend.assembly.ranks import exchanged, waited
 from dolfinx_frontend.common.arrays import Array
 
 __all__ = ["Rows", "placed"]
@@ -105,7 +104,8 @@ class Rows:
             arrived[other] = np.empty_like(own)
             requests.append(self.comm.Irecv(arrived[other], source=other, tag=_TAG))
             requests.append(self.comm.Isend(own, dest=other, tag=_TAG))
-        MPI.Request.Waitall(requests)
+        for request in requests:
+            waited(request)
         for k, rank in enumerate(others):
             if rank is not None:
                 rest, arrived[rank] = np.split(arrived[rank], [found[k].size])

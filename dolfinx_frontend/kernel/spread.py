@@ -21,6 +21,7 @@ from dolfinx_frontend.assembly.ranks import (
     bound_threads,
     check_alike,
     end_all_on_errors,
+    exchanged,
     own_communicator,
 )
 from dolfinx_frontend.common.checks import check_optional_kind
@@ -28,7 +29,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import Facts
 
-__all__ = ["PointRanks", "agreed_over", "one_answer", "point_ranks", "points_shown"]
+__all__ = ["PointRanks", "agreed_over", "check_given_alike", "one_answer", "point_ranks", "points_shown"]
 
 
 class PointRanks:
@@ -44,14 +45,14 @@ class PointRanks:
         self.comm = own_communicator(comm)
         group = problem.comm
         size = 1 if group is None else group.size
-        sizes = self.comm.allgather(size)
+        sizes = exchanged(self.comm, size)
         if min(sizes) != max(sizes):
             raise SceneError(
                 f"{where}: points_comm has ranks whose problem is spread over {min(sizes)} ranks, and over "
                 f"{max(sizes)}: groups must be of one size"
             )
         inside = size == 1 or MPI.Group.Intersection(group.group, self.comm.group).size == size
-        if not all(self.comm.allgather(inside)):
+        if not all(exchanged(self.comm, inside)):
             raise SceneError(
                 f"{where}: points_comm lacks some of the ranks that the problem is spread over: give one "
                 "that has them all, e.g. MPI.COMM_WORLD"
@@ -79,7 +80,7 @@ class PointRanks:
         """As :meth:`Problem.check_alike`, of these ranks."""
         check_alike(self.comm, call, given)
 
-    def check_same(self, where: str, facts: Facts) -> None:
+    def check_same(self, facts: Facts) -> None:
         """Refuse a rank whose problem is another one, which it may be with meshes that are made anew.
 
         Raises
@@ -88,20 +89,22 @@ class PointRanks:
             What differs, on all ranks.
         """
         mine = json.loads(json.dumps(facts))
-        theirs = self._shares.told(mine)
-        with agreement(self.comm):
-            different = differences(theirs, mine)
+        for rank, different in enumerate(exchanged(self.comm, differences(self._shares.told(mine), mine))):
             if different:
                 more = f", and {len(different) - 4} more" if len(different) > 4 else ""
                 raise SceneError(
-                    f"{where}: rank {self.comm.rank} of points_comm has another problem than the first one, "
-                    f"they differ in: {'; '.join(different[:4])}{more}: assemble the same scene on all ranks "
-                    "(read a mesh from a file instead of making it on each, if it comes out differently)"
+                    f"points_comm: rank {rank} has another problem than rank 0, they differ in: "
+                    f"{'; '.join(different[:4])}{more}: assemble the same scene on all ranks (read a mesh "
+                    "from a file instead of making it on each, if it comes out differently)"
                 )
 
     def told(self, value: Any) -> Any:
         """What the first rank says."""
         return self._shares.told(value)
+
+    def joined(self, own: list[Any]) -> list[Any]:
+        """The lists of all ranks, or groups, one after the other."""
+        return self._shares.joined(own)
 
 
 def point_ranks(where: str, problem: Problem, points_comm: Any) -> PointRanks | None:
@@ -113,6 +116,15 @@ def point_ranks(where: str, problem: Problem, points_comm: Any) -> PointRanks | 
     if points_comm == MPI.COMM_NULL:
         raise SceneError(f"{where}: points_comm is MPI.COMM_NULL, or was freed: {wanted}")
     return PointRanks(where, problem, points_comm)
+
+
+def check_given_alike(
+    problem: Problem, call: str, points_comm: Any = None, laws: bool = False, **given: Any
+) -> None:
+    """As :meth:`Problem.check_alike`, of the ranks that solve points together, too, if there are."""
+    problem.check_alike(call, laws=laws, **given)
+    if isinstance(points_comm, MPI.Intracomm) and points_comm != MPI.COMM_NULL:
+        check_alike(own_communicator(points_comm), call, given)
 
 
 @contextmanager

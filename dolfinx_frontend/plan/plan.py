@@ -435,7 +435,7 @@ def plan_of_random(
     return plan
 
 
-@together("plan")
+@together("make_plan")
 def make_plan(
     problem: Problem,
     method: Method = "auto",

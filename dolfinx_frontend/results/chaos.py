@@ -719,6 +719,7 @@ class ChaosResult(Result, StochasticResult):
     ) -> SampleResult:
         """As :func:`dolfinx_frontend.monte_carlo`, on this result's solver, started from its chaos."""
         germs = self.space.sample(samples, seed)
+        self.problem.check_alike("monte_carlo", samples=samples, seed=seed)
         return self.sample(germs, keep_states=keep_states, progress=progress, rtol=rtol)
 
     @together("quasi_monte_carlo")
@@ -733,6 +734,7 @@ class ChaosResult(Result, StochasticResult):
     ) -> SampleResult:
         """As :func:`dolfinx_frontend.quasi_monte_carlo`, on this result's solver, started from its chaos."""
         germs = self.space.sample_sobol(samples, seed)
+        self.problem.check_alike("quasi_monte_carlo", samples=samples, seed=seed)
         return self.sample(germs, kind="qmc", keep_states=keep_states, progress=progress, rtol=rtol)
 
     @together("truncation")

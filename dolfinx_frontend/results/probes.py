@@ -83,6 +83,7 @@ class AtPoint:
             picked = list(range(n * n)) if component == "mises" else [known.index(component)]
             problem.check_alike("AtPoint", point=self._definition)
             self._place: Place | None = None
+            self._inside: Array | None = None
             self._rows = self._found(where, picked)
 
     def __repr__(self) -> str:
@@ -142,9 +143,12 @@ class AtPoint:
             of_cell = self._cell_rows(where, whole, place, here)[picked]
             if self.of == "stress":
                 initial = {key: _at(whole, s, place, here)[picked] for key, s in whole.stresses.items()}
-        functionals = np.zeros((len(picked), whole.size))
+        functionals = self._inside = np.zeros((len(picked), whole.size))
         if here:
             functionals[:, _unknowns(place, whole.dim)] = of_cell
+            self._place = place
+        cells = int(whole.part.mesh.topology.index_map(whole.part.mesh.topology.dim).size_local)
+        cell = sum(comm.allgather(cells)[:rank]) + int(comm.bcast(place.cell, root=rank))
         rows = [whole.reduced(row, problem.parts[part].size) for row in functionals]
         inner = {key: functionals @ whole.held(f).x.array for key, f in whole.loads.items()}
         constant = functionals @ whole.held(whole.load).x.array
@@ -156,7 +160,7 @@ class AtPoint:
             softly = [(*key, v) for key, v in inner.items() if key not in whole.stresses]
             moved = [(*key, -inner[key]) for key in inner if key in whole.stresses]
             loads = [*moved, *((*key, v) for key, v in initial.items())]
-            found = _Rows(whole.rows, every, place.cell, loads, constant, softly)
+            found = _Rows(whole.rows, every, cell, loads, constant, softly)
         shared: _Rows = comm.bcast(found, root=whole.owner)
         return shared
 
@@ -180,32 +184,52 @@ class AtPoint:
 
     @property
     def place(self) -> Place:
-        """Where the point is in the mesh, if this rank has the part."""
+        """Where the point is in the mesh, if this rank has the part, or its cell."""
         assert self._place is not None
         return self._place
 
     @property
+    def unknowns(self) -> Ints:
+        """Unknowns (k,) of its cell, on the rank that has it."""
+        return _unknowns(self.place, len(self.point))
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this rank has the part, or of one on all ranks the cell."""
+        return self._place is not None
+
+    @property
     def cell(self) -> int:
-        """Number of the cell that it is in; all ranks know it."""
+        """Number of the cell that it is in, of a mesh on all ranks among all of its cells, those of the first
+        rank first; all ranks know it."""
         return self._rows.cell
 
     def slopes(self, block: Block) -> tuple[Ints, Array]:
         """Unknowns (k,) of the cell, and the derivatives (k,) of the number by them at one sample."""
-        rows = self._rows
+        return self._rows.unknowns, self._along(block) @ self._rows.matrix
+
+    def inside(self, block: Block) -> Array:
+        """The same derivatives (n,) by the unknowns that this rank knows of a part on all ranks."""
+        assert self._inside is not None
+        return np.asarray(self._along(block) @ self._inside)
+
+    def _along(self, block: Block) -> Array:
+        """Derivatives (components,) by what the number is made of."""
         if self.of == "displacement":
-            return rows.unknowns, rows.matrix[0]
+            return np.ones(1)
         values, factor = (each[0] for each in self._components(block))
         along = np.ones(1)
         if self.component == "mises":
             tensor = values.reshape(3, 3)
             deviator = tensor - np.trace(tensor) / 3.0 * np.eye(3)
             along = (1.5 * deviator / max(float(von_mises(tensor[None])[0]), 1e-300)).ravel()
-        return rows.unknowns, float(factor[0]) * (along @ rows.matrix)
+        return np.asarray(float(factor[0]) * along)
 
     def moved(self, u: Array, gradient: Array) -> Array:
         """Unknowns (k,) of the cell for those (n,) of the part, with the same displacement at the point and
-        another gradient (d, d) everywhere."""
-        s, place = self.problem.substructures[self.part], self.place
+        another gradient (d, d) everywhere; on the rank that has the cell."""
+        whole, place = self.problem.spread.get(self.part), self.place
+        s = self.problem.substructures[self.part] if whole is None else whole
         nodes = s.space.tabulate_dof_coordinates()[place.nodes, : s.dim]
         there = place.shape @ u.reshape(-1, s.dim)[place.nodes]
         return np.asarray(there + (nodes - self.point) @ gradient.T).ravel()

@@ -146,7 +146,7 @@ def sample(
     ranks = point_ranks("sampling", problem, points_comm)
     if ranks is not None:
         told = {"plan": plan is None, "checkpoint": checkpoint is None}
-        ranks.check_alike("sampling", method=method, **told, **settings)
+        ranks.check_alike("sampling", germs=germs, weights=weights, method=method, **told, **settings)
     with agreed_over(ranks):
         plan = plan_of_random(
             "sampling",
@@ -272,7 +272,7 @@ def sample_on(
         if file is not None or ranks is not None:
             header = _header(problem, plan, parameters, file is not None)
     if ranks is not None and header is not None:
-        ranks.check_same("sampling", header)
+        ranks.check_same(header)
 
     inexact: list[float] = []
 

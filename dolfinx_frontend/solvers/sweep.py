@@ -281,7 +281,7 @@ def sweep(
             codes = file is not None
             header = _header(problem, plan, parameters, axes, keep_fields, outputs, codes)
     if ranks is not None and header is not None:
-        ranks.check_same("sweep", header)
+        ranks.check_same(header)
     readings = {name: _reading(problem, plan, name, call) for name, call in (outputs or {}).items()}
     order = snake_order([len(values) for values in axes.values()])
     started = perf_counter()

@@ -21,16 +21,20 @@ from dolfinx_frontend import (
     LinearElastic,
     LogNormal,
     Options,
+    Response,
     Scene,
     SceneError,
     UserLaw,
     assemble,
+    calibrate,
     discretisation_error,
     geometry,
     io,
     make_plan,
     monte_carlo,
+    reliability,
     sample,
+    screen,
     solve,
     sparse_quadrature,
     sweep,
@@ -78,18 +82,36 @@ def differ() -> None:
     raises(lambda: solve(problem, chaos=2 if RANK else None), "chaos differs", "None on rank 0, 2 on rank 1")
     raises(lambda: solve(problem, accuracy=1e-3, quantity=f"j{1 + RANK}"), "quantity differs", "'j2'")
     raises(lambda: sweep(problem, {"j1.tangential": [10.0, 20.0 + RANK]}), "sweep: grid differs")
-    raises(lambda: monte_carlo(problem, 4, seed=RANK), "sample: germs differs")
+    raises(lambda: monte_carlo(problem, 4, seed=RANK), "monte_carlo: seed differs")
     result = solve(problem, chaos=2)
     raises(lambda: result.truncation(f"j{1 + RANK}"), "truncation: interface differs")
     raises(lambda: result.errors(f"j{1 + RANK}"), "errors: quantity differs")
     raises(lambda: result.table(step=RANK), "table: step differs", "0 on rank 0, 1 on rank 1")
     raises(lambda: result.table(about=(0.0, 1.0 * RANK)), "table: about differs")
     raises(lambda: result.table(quantiles=[0.5, 0.9][: 1 + RANK]), "table: quantiles differs")
-    raises(lambda: result.table(f"j{1 + RANK}"), "readings: interfaces differs")
-    raises(lambda: result.table(samples=4 + RANK), "readings: samples differs")
+    raises(lambda: result.table(f"j{1 + RANK}"), "table: interfaces differs")
+    raises(lambda: result.table(samples=4 + RANK), "table: samples differs")
     raises(lambda: result.bolts() if RANK else result.table(), "rank 0 calls table, rank 1 calls bolts")
     raises(lambda: result.truncation("j1", points=RANK + 1), "truncation: points differs")
-    raises(lambda: result.gathered(f"j{1 + RANK}"), "asks for interface 'j1'", "for interface 'j2'")
+    joints = "gathered: rank 0 asks for interface 'j1', rank 1 asks for interface 'j2'"
+    raises(lambda: result.gathered(f"j{1 + RANK}"), joints)
+    raises(lambda: solve(problem) if RANK else result.gathered("j1"), "calls gathered, rank 1 calls solve")
+    function = problem.function("j1")
+    raises(lambda: function([100.0 + RANK]), "the function: points differs")
+    raises(lambda: function.gradient([90.0]) if RANK else function([90.0]), "rank 1 calls gradient")
+    raises(lambda: calibrate(problem, "j1", [1.0 + RANK], 0.1), "calibrate: data differs")
+    raises(lambda: screen(problem, f"j{1 + RANK}"), "screen: quantities differs")
+    whole = chain(Elastic(normal=LogNormal("k", 100.0, cov=0.2), tangential=50.0), comm=MPI.COMM_SELF)
+    shared: dict[str, Any] = {"points_comm": WORLD}
+    raises(lambda: monte_carlo(whole, 20 + RANK, **shared), "monte_carlo: samples differs", "21 on rank 1")
+    raises(lambda: sample(whole, [[0.1 * RANK]], **shared), "sample: germs differs")
+    grid = {"j1.tangential": [10.0, 20.0]}
+    raises(
+        lambda: sweep(whole, grid, **shared) if RANK else monte_carlo(whole, 20, **shared),
+        "rank 0 calls monte_carlo, rank 1 calls sweep",
+    )
+    event = Response("j1") > 1.0 + RANK
+    raises(lambda: reliability(whole, event, **shared), "reliability: event differs")
     raises(lambda: result.errors() if RANK else solve(problem), "rank 0 calls solve, rank 1 calls errors")
     raises(lambda: result.truncation("bed1"), "interface 'bed1' was eliminated")
     # interfaces that touch one rank only, from all

@@ -96,11 +96,12 @@ def compare(times: Any, space: Any, friction: float) -> None:
     problem = assemble(scene, comm=WORLD)
     made = MADE.copy()
     MADE.clear()
-    owner = problem.distribution.owner if problem.distribution else {f"b{k}": 0 for k in range(PARTS)}
+    owner = problem.owner
     assert made == [k for k in range(PARTS) if owner[f"b{k}"] == WORLD.rank]
     assert list(owner.values()) == sorted(owner.values()) and set(owner.values()) == set(range(WORLD.size))
     whole = assemble(scene, comm=MPI.COMM_SELF)
     MADE.clear()
+    assert whole.owner == dict.fromkeys(owner, 0)
     assert problem.size == whole.size and problem.amplitudes == whole.amplitudes
     extra: dict[str, Any] = {} if times is None else {"times": times}
     # the cuts stay active: so they do in what it is compared with

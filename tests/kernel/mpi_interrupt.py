@@ -1,6 +1,6 @@
 """Program of test_mpi.py: Ctrl-C on one rank while the others work or wait.
 
-``mpirun -n N python mpi_interrupt.py parts|points|outside...``
+``mpirun -n N python mpi_interrupt.py parts|points|outside|waiting...``
 """
 
 from __future__ import annotations
@@ -9,14 +9,16 @@ import faulthandler
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 from mpi_chain import chain
 from mpi_points import TIGHT, made
 
-from dolfinx_frontend import LinearElastic, Options, assemble, monte_carlo, solve
+from dolfinx_frontend import LinearElastic, Options, Response, assemble, monte_carlo, reliability, solve
 
 WORLD = MPI.COMM_WORLD
 LAST = WORLD.size - 1
@@ -69,8 +71,27 @@ def outside() -> None:
     assemble(scene, comm=WORLD)
 
 
+def waiting() -> None:
+    """A rank that waits for what the first one works on ends all of them."""
+    begun = threading.Event()
+
+    def endless(block: Any) -> Any:
+        WORLD.send(None, dest=LAST)
+        begun.wait()
+        return np.zeros(len(block))
+
+    def listen() -> None:
+        WORLD.recv(source=0)
+        press()
+
+    problem = made("linear", WORLD)
+    if WORLD.rank == LAST:
+        threading.Thread(target=listen, daemon=True).start()
+    reliability(problem, Response(endless) > 1.0)
+
+
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(60.0, exit=True)
     for what in sys.argv[1:]:
-        {"parts": parts, "points": points, "outside": outside}[what]()
+        {"parts": parts, "points": points, "outside": outside, "waiting": waiting}[what]()
     faulthandler.cancel_dump_traceback_later()

@@ -1,7 +1,7 @@
 """Program of test_mpi.py: bodies without a factor over the ranks, against factors on one rank.
 
-``mpirun -n N python mpi_multigrid.py solve|points|fail``; prints a line a rank. With three ranks the second
-one has no part.
+``mpirun -n N python mpi_multigrid.py solve|points|shared|groups|fail``; prints a line a rank. With three
+ranks the second one has no part, and groups are of two.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def stack(comm: Any, law: Any, degree: int = 2, apart: bool = False) -> Any:
     """
     ranks: list[int | None] = [None] * 4
     if comm.size > 1:
-        last = WORLD.size - 1
+        last = comm.size - 1
         ranks = [0, 0, 0, last] if apart else [0, 0, last, last]
     scene = Scene()
     for k in range(4):
@@ -117,18 +117,13 @@ def solutions() -> None:
     print(f"same solutions on rank {RANK}", flush=True)
 
 
+GRID = {"middle.normal": np.geomspace(1e2, 1e6, 10), "ground.normal": [1e4, 2e4, 8e4]}
+
+
 def points() -> None:
     """A sweep, where most points come from a basis that few have made, and slopes."""
-    grid = {"middle.normal": np.geomspace(1e2, 1e6, 10), "ground.normal": [1e4, 2e4, 8e4]}
     alone, spread = stack(MPI.COMM_SELF, JOINT), stack(WORLD, JOINT)
-    exact, found = (
-        sweep(problem, grid, options=options, progress=False)
-        for problem, options in ((alone, TIGHT), (spread, MULTIGRID.with_(rtol=1e-8)))
-    )
-    assert found.complete and np.all(found.converged) and np.nanmax(found.error) <= 1e-8
-    for name in ("middle", "ground"):
-        if name in spread.own.interfaces:
-            near(found.force(name), exact.force(name), 1e-6)
+    swept(alone, spread)
     loose = MULTIGRID.with_(rtol=1e-6)
     slopes = [
         problem.function("middle", ["middle.normal"], options=options).gradient([4e3])
@@ -136,6 +131,39 @@ def points() -> None:
     ]
     near(slopes[1], slopes[0], 1e-4)
     print(f"same points on rank {RANK}", flush=True)
+
+
+def swept(alone: Any, spread: Any, rtol: float = 1e-8, **more: Any) -> None:
+    """A sweep without factors has the forces of factors on one rank."""
+    exact = sweep(alone, GRID, options=TIGHT, progress=False)
+    found = sweep(spread, GRID, options=MULTIGRID.with_(rtol=rtol), progress=False, **more)
+    assert found.complete and np.all(found.converged) and np.nanmax(found.error) <= rtol
+    for name in ("middle", "ground"):
+        if name in spread.own.interfaces:
+            near(found.force(name), exact.force(name), 100.0 * rtol)
+
+
+def shared() -> None:
+    """Points over ranks that all have the whole problem, some of which ask for more fields."""
+    problem = stack(MPI.COMM_SELF, JOINT)
+    kept, asked = fitting._far, []
+
+    def fewer(parameters: Any, order: Any) -> Any:
+        asked.append(len(order))
+        return kept(parameters, order)[:2]
+
+    fitting._far = fewer  # the basis of two points cannot answer all
+    swept(problem, problem, rtol=1e-6, points_comm=WORLD)
+    fitting._far = kept
+    assert len(asked) > 1 and len(set(WORLD.allgather(tuple(asked)))) == 1, asked
+    print(f"shared points on rank {RANK}", flush=True)
+
+
+def groups() -> None:
+    """Groups of two ranks that have the problem together, and share the points."""
+    group = WORLD.Split(RANK // 2, RANK)
+    swept(stack(MPI.COMM_SELF, JOINT), stack(group, JOINT), rtol=1e-6, points_comm=WORLD)
+    print(f"grouped points on rank {RANK}", flush=True)
 
 
 def together(call: Callable[[], Any], reason: str) -> None:
@@ -188,4 +216,4 @@ def failures() -> None:
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
     for asked in sys.argv[1:]:
-        {"solve": solutions, "points": points, "fail": failures}[asked]()
+        {"solve": solutions, "points": points, "shared": shared, "groups": groups, "fail": failures}[asked]()

@@ -1,6 +1,6 @@
 """Program of test_mpi.py: a part whose mesh is spread over the ranks, against the same on one.
 
-``mpirun -n N python mpi_spread.py (columns | inside | numbers | meshes)``
+``mpirun -n N python mpi_spread.py (columns | inside | points | numbers | meshes)``
 """
 
 from __future__ import annotations
@@ -49,10 +49,12 @@ STEEL = LinearElastic(E=200e3, nu=0.3)
 def scene(
     comm: Any, law: Any, degree: int, hexahedra: bool, other: int = 3, cells: int = 3, material: Any = STEEL
 ) -> Scene:
-    """A cube on one rank, on a cube that may be spread; both heavy, pressed together."""
+    """A cube on one rank, on a cube that may be spread; both heavy, pressed together. The material of the
+    lower one may be a function of its mesh."""
     made = Scene()
     large = block(comm, cells, 0.0, hexahedra)
-    made.substructure("lower", large, material, degree=degree, body_force=(0, 0, -5.0))
+    lower = material if isinstance(material, LinearElastic) else material(large.mesh)
+    made.substructure("lower", large, lower, degree=degree, body_force=(0, 0, -5.0))
     made.substructure("upper", block(MPI.COMM_SELF, other, 1.0, hexahedra), STEEL, degree=degree)
     made.interface("joint", "upper:z0", "lower:z1", law)
     made.fix("lower:z0")
@@ -342,6 +344,67 @@ def loose() -> None:
             raise AssertionError(name)
 
 
+def graded(mesh: Any) -> Any:
+    """A form with fields, a constant and a place in it."""
+    soft, steps = (fem.Function(fem.functionspace(mesh, each)) for each in (("Lagrange", 2), ("DG", 0)))
+    soft.interpolate(lambda x: 1.0 + x[0] * x[2])
+    steps.interpolate(lambda x: 1.0 + x[1] ** 2)
+    modulus = fem.Constant(mesh, 100e3) * soft * steps * (2.0 + ufl.SpatialCoordinate(mesh)[1])
+    material = LinearElastic(E=modulus, nu=0.3)
+    return lambda u, v: material.bilinear(u, v) * ufl.dx(domain=mesh)
+
+
+def tagged(mesh: Any) -> Any:
+    """A form over tagged cells, which are all."""
+    count = mesh.topology.index_map(3).size_local
+    cells = np.arange(count, dtype=np.int32)
+    of_cells = ufl.Measure("dx", mesh, subdomain_data=dmesh.meshtags(mesh, 3, cells, cells * 0 + 7))
+    return lambda u, v: STEEL.bilinear(u, v) * of_cells(7)
+
+
+def fields() -> None:
+    """The mesh errors of a part whose material is a form with fields."""
+    law = Elastic(normal=1e5, tangential=4e4)
+    for degree, hexahedra in ((1, True), (2, False)):
+        numbers = []
+        for comm in (WORLD, MPI.COMM_SELF):
+            made = scene(comm, law, degree, hexahedra, material=graded)
+            made.fix("upper:z1", name="held")
+            result = lf.solve(lf.assemble(made, comm=comm), active=["joint"], options=TIGHT)
+            found = lf.discretisation_error(result, Resultant("joint"))
+            numbers.append([found.energy, *found.parts.values(), found.quantity, found.bound])
+        same("fields", *numbers)
+
+
+def points() -> None:
+    """The mesh errors of numbers inside of a part, and where they come from."""
+    law = Contact(stiffness=1e5, friction=0.3)
+    for degree, hexahedra in ((1, True), (2, False)):
+        found = []
+        for comm in (WORLD, MPI.COMM_SELF):
+            made = scene(comm, law, degree, hexahedra)
+            made.fix("upper:z1", name="held")
+            problem = lf.assemble(made, comm=comm)
+            result = lf.solve(problem, active=["joint"], options=TIGHT)
+            for of, component in (("displacement", "z"), ("stress", "zz"), ("stress", "mises")):
+                at = lf.AtPoint(problem, "lower", (0.52, 0.41, 0.57), of, component)
+                found.append(lf.discretisation_error(result, at))
+        for one, other in zip(found[:3], found[3:], strict=True):
+            assert other.quantity > 1e-3 * abs(other.value)
+            for read in ("energy", "quantity", "correction", "value", "seen", "uncancelled"):
+                same(read, getattr(one, read), getattr(other, read))
+            if "lower" in one.cells:
+                same("cells", np.sort(one.cells["lower"]), np.sort(other.cells["lower"]))
+    steps = []
+    for comm in (WORLD, MPI.COMM_SELF):
+        made = corner(comm, Elastic(normal=1e3, tangential=1e3), "triangle")
+        at = lf.AtPoint(lf.assemble(made, comm=comm), "L", (0.3, 0.31), "stress", "yy")
+        result = lf.solve(made, accuracy=5e-2, quantity=at, comm=comm, progress=False)
+        steps.append([(each.unknowns, each.changed) for each in result.errors().steps])
+    assert steps[0] == steps[1] and any("cut" in str(each) for each in steps[0]), steps
+    print(f"same points on rank {RANK}", flush=True)
+
+
 def refused() -> None:
     """What such a part cannot have."""
     law = Elastic(normal=1e5, tangential=4e4)
@@ -355,12 +418,12 @@ def refused() -> None:
             assert text in str(error), error
         else:
             raise AssertionError(text)
-    made = scene(WORLD, law, 1, True, material=lambda u, v: STEEL.bilinear(u, v))
+    made = scene(WORLD, law, 1, True, material=tagged)
     result = lf.solve(lf.assemble(made, comm=WORLD), active=["joint"])
     try:
         lf.discretisation_error(result)
     except lf.SceneError as error:
-        assert "is spread over the" in str(error), error
+        assert "is spread over the" in str(error) and "subdomains" in str(error), error
     else:
         raise AssertionError("the stress of a form")
     found = result.errors("joint")
@@ -378,7 +441,7 @@ def refused() -> None:
 
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(100, exit=True)
-    calls: dict[str, Any] = {"columns": (answers, random), "inside": (inside, loose, refused)}
-    calls |= {"numbers": (estimates,), "meshes": (meshes,)}
+    calls: dict[str, Any] = {"columns": (answers, random), "inside": (inside, loose, fields, refused)}
+    calls |= {"points": (points,), "numbers": (estimates,), "meshes": (meshes,)}
     for each in calls[sys.argv[1]]:
         each()

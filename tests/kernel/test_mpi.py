@@ -76,6 +76,12 @@ def test_an_interrupt_of_one_rank_ends_all_with_what_is_done_or_its_reason() -> 
     assert "rank 1 of 2:" in run.stderr and "KeyboardInterrupt" in run.stderr
 
 
+def test_an_interrupt_of_a_rank_that_waits_for_the_first_one_ends_all() -> None:
+    run = launch(2, "mpi_interrupt.py", "waiting")
+    assert run.returncode != 0
+    assert "rank 1 of 2:" in run.stderr and "KeyboardInterrupt" in run.stderr and "Timeout" not in run.stderr
+
+
 def test_quantities_of_one_rank_are_known_to_all() -> None:
     holds(2, ("same answer on rank", "failed together on rank"), "mpi_quantity.py")
 
@@ -151,6 +157,7 @@ def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
     [
         (2, "inside", ("same inside", "refused")),
         (3, "columns", ("same part", "same columns")),
+        (2, "points", ("same points",)),
         (3, "numbers", ("same estimates",)),
         (2, "meshes", ("same meshes",)),
     ],
@@ -178,7 +185,7 @@ def test_a_rank_that_cannot_mesh_its_part_again_ends_all() -> None:
     ("ranks", "calls"),
     [
         (2, {"solve": "same solutions", "fail": "failed together"}),
-        (2, {"points": "same points"}),
+        (2, {"points": "same points", "shared": "shared points"}),
         (3, {"solve": "same solutions"}),
     ],
 )

@@ -166,6 +166,10 @@ class Shares:
         """What the first rank says."""
         return self._comm.bcast(value, root=0)
 
+    def joined(self, own: list[Any]) -> list[Any]:
+        """The lists of all ranks, or groups, one after the other."""
+        return [each for some in self._comm.allgather(own) for each in some]
+
     def least(self, value: float) -> float:
         """The smallest of all ranks."""
         return float(self._all.allreduce(value, op=MPI.MIN))

@@ -104,7 +104,7 @@ class SweepPoints:
     scatter
         Of samples: scatter of the body, relative to its size, whose errors are the largest relative to it.
     missed
-        points of this run that a check has refused: they are not kept.
+        points of this run, of all ranks, that a check has refused: they are not kept.
     """
 
     iterations: npt.NDArray[np.int64]
@@ -338,7 +338,7 @@ def sweep(
         What an earlier call with the same settings has left; its points are not solved again.
     check
         Called with some points that were solved, before any of them is kept; returns what their errors are
-        larger by, NaN for those that are not to be kept. Not with `shares`.
+        larger by, NaN for those that are not to be kept.
     beginning
         Of `laws`, kept from one sweep to the next, see :meth:`latin_core.Structure.sweep`.
 
@@ -432,6 +432,7 @@ def sweep(
             beginning=beginning,
             **more,
         )
+        checked()
 
     run: _OverRanks | None = None
     try:
@@ -447,7 +448,6 @@ def sweep(
                     known_points.append(number)
         if shares is None:
             solve([p for p in order if result.iterations[p] < 0], callback=callback)
-            checked()
         else:
             run = _OverRanks(shares, keeper, file)
             few = _PILOTS_OF_SAMPLES if options.scatter else 0 if start else _PILOTS
@@ -547,6 +547,7 @@ class _OverRanks:
             else:
                 setattr(result, name, each)
         result.scatter = self._shares.least(result.scatter)
+        result.missed = self._shares.joined(result.missed)
 
 
 _OF_POINTS = ("iterations", "error", "seconds", "worst", "largest", "status")

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <thread>
 
 #include "latin/common/error.hpp"
 #include "latin/common/outer_lock.hpp"
@@ -38,6 +39,25 @@ class MpiLock {
   OuterLock lock_;
 };
 
+/// Wait for messages, and leave the core to others meanwhile. MPI's own waiting keeps it by default: where ranks
+/// and other programs share cores, what is waited for may itself wait for a core, a slice of time each time.
+void wait(std::span<MPI_Request> requests) {
+  int done = 0;
+  while (MPI_Testall(static_cast<int>(requests.size()), requests.data(), &done,
+                     MPI_STATUSES_IGNORE) == MPI_SUCCESS &&
+         done == 0) {
+    std::this_thread::yield();
+  }
+}
+
+/// What all ranks do together: begun by a call, which is given the request, and waited for.
+template <typename Begin>
+void complete(Begin&& begin) {
+  MPI_Request request = MPI_REQUEST_NULL;
+  std::forward<Begin>(begin)(&request);
+  wait({&request, 1});
+}
+
 int count_of(std::size_t size) {
   if (size > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
     throw NumericalError("a message of " + std::to_string(size) +
@@ -57,7 +77,10 @@ void Communicator::sum(std::span<double> values) const {
   if (!alone()) {
     const MpiLock lock;
     // MPI requires an allreduce to leave identical results on all ranks
-    MPI_Allreduce(MPI_IN_PLACE, values.data(), count_of(values.size()), MPI_DOUBLE, MPI_SUM, comm_);
+    const int count = count_of(values.size());
+    complete([&](MPI_Request* request) {
+      MPI_Iallreduce(MPI_IN_PLACE, values.data(), count, MPI_DOUBLE, MPI_SUM, comm_, request);
+    });
   }
 }
 
@@ -69,7 +92,10 @@ double Communicator::sum(double value) const {
 void Communicator::follow_first(std::span<double> values) const {
   if (!alone()) {
     const MpiLock lock;
-    MPI_Bcast(values.data(), count_of(values.size()), MPI_DOUBLE, 0, comm_);
+    const int count = count_of(values.size());
+    complete([&](MPI_Request* request) {
+      MPI_Ibcast(values.data(), count, MPI_DOUBLE, 0, comm_, request);
+    });
   }
 }
 
@@ -77,7 +103,9 @@ Index Communicator::maximum(Index value) const {
   auto largest = static_cast<long long>(value);
   if (!alone()) {
     const MpiLock lock;
-    MPI_Allreduce(MPI_IN_PLACE, &largest, 1, MPI_LONG_LONG, MPI_MAX, comm_);
+    complete([&](MPI_Request* request) {
+      MPI_Iallreduce(MPI_IN_PLACE, &largest, 1, MPI_LONG_LONG, MPI_MAX, comm_, request);
+    });
   }
   return static_cast<Index>(largest);
 }
@@ -86,7 +114,9 @@ double Communicator::largest(double value) const {
   if (!alone()) {
     value = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
     const MpiLock lock;
-    MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_MAX, comm_);
+    complete([&](MPI_Request* request) {
+      MPI_Iallreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_MAX, comm_, request);
+    });
   }
   return value;
 }
@@ -104,7 +134,9 @@ std::vector<std::vector<std::string>> Communicator::gather(
   const auto ranks = static_cast<std::size_t>(size_);
   const int length = count_of(mine.size());
   std::vector<int> lengths(ranks);
-  MPI_Allgather(&length, 1, MPI_INT, lengths.data(), 1, MPI_INT, comm_);
+  complete([&](MPI_Request* request) {
+    MPI_Iallgather(&length, 1, MPI_INT, lengths.data(), 1, MPI_INT, comm_, request);
+  });
   std::vector<int> starts(ranks, 0);
   std::size_t total = 0;
   for (std::size_t r = 0; r < ranks; ++r) {
@@ -112,8 +144,10 @@ std::vector<std::vector<std::string>> Communicator::gather(
     total += static_cast<std::size_t>(lengths[r]);
   }
   std::string all(total, '\0');
-  MPI_Allgatherv(mine.data(), length, MPI_CHAR, all.data(), lengths.data(), starts.data(), MPI_CHAR,
-                 comm_);
+  complete([&](MPI_Request* request) {
+    MPI_Iallgatherv(mine.data(), length, MPI_CHAR, all.data(), lengths.data(), starts.data(),
+                    MPI_CHAR, comm_, request);
+  });
   std::vector<std::vector<std::string>> found(ranks);
   for (std::size_t r = 0; r < ranks; ++r) {
     const std::string of_rank =
@@ -135,7 +169,9 @@ std::vector<std::vector<double>> Communicator::gather(const std::vector<double>&
   const auto ranks = static_cast<std::size_t>(size_);
   const auto length = static_cast<long long>(numbers.size());
   std::vector<long long> lengths(ranks);
-  MPI_Allgather(&length, 1, MPI_LONG_LONG, lengths.data(), 1, MPI_LONG_LONG, comm_);
+  complete([&](MPI_Request* request) {
+    MPI_Iallgather(&length, 1, MPI_LONG_LONG, lengths.data(), 1, MPI_LONG_LONG, comm_, request);
+  });
   std::vector<int> counts(ranks);
   std::vector<int> starts(ranks);
   std::size_t total = 0;
@@ -146,8 +182,10 @@ std::vector<std::vector<double>> Communicator::gather(const std::vector<double>&
     total += static_cast<std::size_t>(lengths[r]);
   }
   std::vector<double> all(total);
-  MPI_Allgatherv(numbers.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, all.data(),
-                 counts.data(), starts.data(), MPI_DOUBLE, comm_);
+  complete([&](MPI_Request* request) {
+    MPI_Iallgatherv(numbers.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, all.data(),
+                    counts.data(), starts.data(), MPI_DOUBLE, comm_, request);
+  });
   std::vector<std::vector<double>> found;
   found.reserve(ranks);
   for (std::size_t r = 0; r < ranks; ++r) {
@@ -175,8 +213,10 @@ Matrix Communicator::stacked(ConstMatrixRef own, const std::vector<Index>& rows)
     total += each;
   }
   std::vector<double> blocks(static_cast<std::size_t>(total * columns));
-  MPI_Allgatherv(mine.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, blocks.data(),
-                 counts.data(), starts.data(), MPI_DOUBLE, comm_);
+  complete([&](MPI_Request* request) {
+    MPI_Iallgatherv(mine.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, blocks.data(),
+                    counts.data(), starts.data(), MPI_DOUBLE, comm_, request);
+  });
   Matrix all(total, columns);
   Index first = 0;
   for (std::size_t r = 0; r < rows.size(); ++r) {
@@ -210,15 +250,21 @@ void Communicator::agree(const std::exception_ptr& failure) const {
   if (!alone()) {
     const MpiLock lock;
     int first = failure ? rank_ : size_;
-    MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_INT, MPI_MIN, comm_);
+    complete([&](MPI_Request* request) {
+      MPI_Iallreduce(MPI_IN_PLACE, &first, 1, MPI_INT, MPI_MIN, comm_, request);
+    });
     if (first == size_) {
       return;
     }
     std::string text = first == rank_ ? message_of(failure) : std::string();
     auto length = static_cast<unsigned long>(text.size());
-    MPI_Bcast(&length, 1, MPI_UNSIGNED_LONG, first, comm_);
+    complete([&](MPI_Request* request) {
+      MPI_Ibcast(&length, 1, MPI_UNSIGNED_LONG, first, comm_, request);
+    });
     text.resize(length);
-    MPI_Bcast(text.data(), static_cast<int>(length), MPI_CHAR, first, comm_);
+    complete([&](MPI_Request* request) {
+      MPI_Ibcast(text.data(), static_cast<int>(length), MPI_CHAR, first, comm_, request);
+    });
     if (!failure) {
       throw RemoteError("rank " + std::to_string(first) + ": " + text);
     }
@@ -299,7 +345,7 @@ void Exchange::Transit::finish() {
   auto& requests = exchange_.requests_;
   if (!finished_ && !requests.empty()) {
     const MpiLock lock;
-    MPI_Waitall(static_cast<int>(requests.size()), requests.data(), MPI_STATUSES_IGNORE);
+    wait(requests);
   }
   finished_ = true;
 }
