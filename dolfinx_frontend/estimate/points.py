@@ -167,9 +167,11 @@ def calibrated(
     weights: Array,
     controls: tuple[Array, Array] | None = None,
     most: int | None = None,
+    free: Array | None = None,
 ) -> Array:
     """Weights (n,) of sum 1 close to the given ones that integrate polynomials of low degree exactly, and
-    `controls`: functions (n, k) at the points, and their expectations (k,). `most`: highest degree."""
+    `controls`: functions (n, k) at the points, and their expectations (k,). `most`: highest degree. `free`:
+    (n,) how much a weight may change beside those of 1; None: all are alike."""
     stop_if_pressed()
     count, dimension = len(points), space.dimension
     plain = weights / weights.sum()
@@ -184,11 +186,16 @@ def calibrated(
             psi, wanted = _with_controls(psi, wanted, plain, *controls)
         if not np.all(np.isfinite(psi)):
             continue
-        gram = psi.T @ (plain[:, None] * psi)
+        if free is not None:  # what hardly may change does not say how large functions are
+            size = np.sqrt((free * plain) @ psi**2)
+            psi, wanted = psi / size, wanted / size
+        own = plain if free is None else free * plain
+        gram = psi.T @ (own[:, None] * psi)
         values, vectors = np.linalg.eigh(gram)
         if values[0] < 1e-8 * values[-1]:
             continue
-        factor: Array = 1.0 + psi @ (vectors @ ((vectors.T @ (wanted - psi.T @ plain)) / values))
+        change: Array = psi @ (vectors @ ((vectors.T @ (wanted - psi.T @ plain)) / values))
+        factor = 1.0 + (change if free is None else free * change)
         if factor.min() > -0.5:
             return np.asarray(plain * factor, dtype=np.float64)
     return np.asarray(plain, dtype=np.float64)
