@@ -17,7 +17,7 @@ import numpy.typing as npt
 from latin_core import Options
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, is_real
+from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, checked_number, is_real
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt, Interrupted
@@ -28,6 +28,7 @@ from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
     INTERRUPTED,
+    LATE,
     beside_what_acts,
     compared_with,
     lost_variance,
@@ -47,6 +48,7 @@ from dolfinx_frontend.estimate.errors import (
     size_of,
     sizes_of,
     whole_of,
+    why_stopped,
 )
 from dolfinx_frontend.estimate.points import (
     Witnesses,
@@ -160,6 +162,7 @@ def solve_to_accuracy(
     known: ErrorShare | None = None,
     first: ChaosResult | None = None,
     compared: Compared | None = None,
+    max_seconds: float | None = None,
 ) -> Result | SampleResult:
     """Solve until the error of a quantity is at most `accuracy`.
 
@@ -178,6 +181,8 @@ def solve_to_accuracy(
         A chaos of order 1 of the problem, where there is one.
     compared
         What errors are relative to; None: as the quantity says.
+    max_seconds
+        Once anything is solved it ends then, as with Ctrl-C; None: no limit.
 
     Returns
     -------
@@ -192,6 +197,9 @@ def solve_to_accuracy(
         raise SceneError(f"accuracy = {short(accuracy)}: it must lie in 1e-10..0.5")
     check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
     checked_flag("solve", "meshes", meshes)
+    if max_seconds is not None:
+        checked_number("solve", "max_seconds", max_seconds, above=0.0)
+    run = Interrupt(holds=False, alone=problem.comm is None, seconds=max_seconds)
     what = compared_with(interest(problem.interfaces, quantity), compared)
     of_one = None if what is None else what.interface
     options = options or (Options.plain() if method == "latin" else Options())
@@ -214,12 +222,13 @@ def solve_to_accuracy(
         )
         if known is not None:
             complete(first)  # a search for meshes has something better
-        with Interrupt(alone=problem.comm is None):
+        run.hold()
+        with run:
             return _Search(first, accuracy, what, known).answer(meshes)
     plan = make_plan(problem, method, kept_for(what, method, active), (), direction, options, times=times)
     result = solve_once(problem, plan, estimator=errors)
     what, notes = beside_what_acts(result, what)
-    return tight_enough(result, accuracy, what, meshes, known, notes)
+    return tight_enough(result, accuracy, what, meshes, known, notes, run)
 
 
 def kept_for(
@@ -238,13 +247,17 @@ def tight_enough(
     meshes: bool = True,
     known: ErrorShare | None = None,
     notes: tuple[str, ...] = (),
+    run: Interrupt | None = None,
 ) -> Result:
-    """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`."""
+    """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`. `run`: what
+    holds Ctrl-C back; None: nothing yet."""
     of_meshes = known
     made = as_solved(result, quantity)
     if meshes and known is None:
         of_meshes = NOT_YET
-    with Interrupt(alone=result.problem.comm is None):
+    run = run or Interrupt(alone=result.problem.comm is None)
+    run.hold()
+    with run:
         try:
             complete(result)
             if meshes and known is None:
@@ -259,7 +272,7 @@ def tight_enough(
                 result, made = tighter, as_solved(tighter, quantity)
                 made = _settled(result, quantity)
         except Interrupted:
-            notes += (INTERRUPTED,)
+            notes += (why_stopped(),)
     return with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
 
 
@@ -321,11 +334,12 @@ def with_errors(
         )
     if made.in_all > accuracy:
         notes += (f"the accuracy was not reached: {shown_error(made.in_all)} is left",)
-    if halving is not None and INTERRUPTED not in notes:
+    if halving is not None and not {INTERRUPTED, LATE} & set(notes):
         made = replace(made, next_halving=halving(made))
     for note in notes if result.problem.rank == 0 else ():
         _log.warning("%s", note)
-    return result.with_notes(found=replace(made, notes=(*lost_variance(result), *notes)))
+    lost = lost_variance(result, made.field is not None)
+    return result.with_notes(found=replace(made, notes=(*lost, *notes)))
 
 
 class _Search:
@@ -376,7 +390,7 @@ class _Search:
         try:
             return self._answer(unmeasured)
         except Interrupted:
-            self.notes += (INTERRUPTED,)
+            self.notes += (why_stopped(),)
             return self.so_far()
 
     def so_far(self) -> ChaosResult | SampleResult:
@@ -732,7 +746,7 @@ class _Search:
 def so_far(chaos: ChaosResult, accuracy: float, quantity: Wanted | None, known: ErrorShare) -> ChaosResult:
     """A chaos that nothing has measured yet, as an answer; `known`: the error of its meshes."""
     search = _Search(chaos, accuracy, quantity, known)
-    search.notes = (INTERRUPTED,)
+    search.notes = (why_stopped(),)
     found = search.so_far()
     assert isinstance(found, ChaosResult)
     return found

@@ -188,7 +188,7 @@ class Judged:
         self.spread: float | None = None
         self.result: Result | None = None
         self.share: ErrorShare | None = None
-        self.run = Interrupt(holds=False, alone=comm is None or comm.size == 1)
+        self.run = Interrupt(holds=False, alone=comm is None or comm.size == 1, seconds=max_seconds)
         self.answered: tuple[Result, ErrorShare] | None = None
         self.target = accuracy
         self.steps: list[MeshStep] = []

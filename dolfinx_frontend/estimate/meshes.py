@@ -38,7 +38,7 @@ from dolfinx_frontend.estimate.adaptive import (
     with_errors,
 )
 from dolfinx_frontend.estimate.cells import cells_of
-from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with
+from dolfinx_frontend.estimate.errors import FINEST, LATE, compared_with, why_stopped
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import MARGIN, Judged
 from dolfinx_frontend.estimate.levels import of_two_meshes
@@ -115,7 +115,8 @@ def solve_scene(
     max_unknowns
         Most unknowns of all parts; None: 400 000.
     max_seconds
-        No new mesh that would take longer in all, as far as the last ones tell; None: no limit.
+        No new mesh that would take longer in all, as far as the last ones tell, and once there is an answer
+        everything ends then, as with Ctrl-C; None: no limit.
     progress
         A line for each mesh, if on a terminal.
     compared
@@ -159,8 +160,8 @@ class _Meshes(Judged):
                 if self.answered is None:
                     raise
                 found = self._so_far(*self.answered)
-        self._budgets_that_were_exceeded()
         made = found.errors()
+        self._budgets_that_were_exceeded(LATE in made.notes)
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
         return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
 
@@ -190,7 +191,7 @@ class _Meshes(Judged):
         known = self._of_random()
         assert known is not None
         problem = self.problem if same else None
-        notes: tuple[str, ...] = (INTERRUPTED,)
+        notes: tuple[str, ...] = (why_stopped(),)
         if self.fine is not None and self.fine.samples.problem is problem:
             made = self.fine.made
             return with_errors(self.fine.samples, made, self.accuracy, known, (*made.notes, *notes))
@@ -207,8 +208,9 @@ class _Meshes(Judged):
             made = replace(made, truncation=ErrorShare(np.nan, nan, None, "the scatter is not computed"))
         return with_errors(result, made, self.accuracy, self.share, notes)
 
-    def _budgets_that_were_exceeded(self) -> None:
-        """A word of what the first meshes take more than a budget: they are solved on in any case."""
+    def _budgets_that_were_exceeded(self, stopped: bool) -> None:
+        """A word of what the first meshes take more than a budget: they are solved on in any case. `stopped`:
+        there is one of the time already."""
         assert self.problem is not None
         if len(self.steps) == 1 and self.steps[0].unknowns > self.max_unknowns:
             self.notes.append(
@@ -217,10 +219,10 @@ class _Meshes(Judged):
             )
         spent = self._spent()
         if self.max_seconds is not None and spent > self.max_seconds:
-            if not any(f"budget of {self.max_seconds:g} s" in note for note in self.notes):
+            if not any(f"budget of {self.max_seconds:g} s" in note for note in self.notes) and not stopped:
                 self.notes.append(
-                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s, which ends the "
-                    "search for meshes only"
+                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s: what was begun, a "
+                    "factorisation or the first answer, ends first"
                 )
 
     def _of_points(

@@ -175,6 +175,7 @@ def calibrated(
     stop_if_pressed()
     count, dimension = len(points), space.dimension
     plain = weights / weights.sum()
+    own = plain if free is None else free * plain
     if most is None:
         most = MOST_DEGREE if dimension > 1 else 2 * MOST_DEGREE
     for degree in range(most, -1 if controls is not None else 0, -1):
@@ -183,13 +184,9 @@ def calibrated(
         psi = space.basis(Chaos(order=degree)).evaluate(points)
         wanted = np.eye(1, psi.shape[1])[0]
         if controls is not None and np.all(np.isfinite(psi)):
-            psi, wanted = _with_controls(psi, wanted, plain, *controls)
+            psi, wanted = _with_controls(psi, wanted, own, *controls)
         if not np.all(np.isfinite(psi)):
             continue
-        if free is not None:  # what hardly may change does not say how large functions are
-            size = np.sqrt((free * plain) @ psi**2)
-            psi, wanted = psi / size, wanted / size
-        own = plain if free is None else free * plain
         gram = psi.T @ (own[:, None] * psi)
         values, vectors = np.linalg.eigh(gram)
         if values[0] < 1e-8 * values[-1]:
