@@ -111,6 +111,9 @@ PER_SAMPLE = 128
 OF_INTEGRAL = 0.2
 """Error of that, relative to the target."""
 
+AGREED = 10.0
+"""Standard errors of the mean of the sets that it may be off an exact expectation: skewed, by so few sets."""
+
 AT_REST = 5.0
 """Deviations off the mean from which on weights of points of lines, which are right, hardly change."""
 
@@ -409,12 +412,22 @@ class _Samples:
         found = hinged(self.space, germs, weights, self.labels, self.values, sides)
         if self.lines is not None:
             along = fitted(self.lines, germs, weights, self.labels, self.values)
+            if along is not None and not self._confirmed(along):
+                self.lines = along = None
             if found is None or (along is not None and along.rest < found.rest):
                 found = along
         if found is None:
             return None
         rest = float(np.sqrt(self.drawn @ (self.values - self._unseen(found)) ** 2))
         return found._replace(rest=rest) if rest < WORTH * self._spread() else None
+
+    def _confirmed(self, fit: Hinged) -> bool:
+        """Whether samples agree with the expectation of a sum of functions of each germ, which is exact."""
+        assert self.samples is not None
+        values = fit(self.space, self.samples.germs)[:, -1]
+        own = [SETS * self.drawn[self.labels == k] @ values[self.labels == k] for k in range(SETS)]
+        off = abs(float(np.mean(own)) - float(fit.coefficients[0, 0, -1]))
+        return off <= AGREED * float(np.std(own, ddof=1)) / np.sqrt(SETS) + fit.rest
 
     def _unseen(self, fit: Hinged) -> Array:
         """Values of the fits that have not seen the set of a point."""

@@ -193,14 +193,13 @@ def _of_continuous(
 
 def _of_atoms(space: RandomSpace, germ: int) -> tuple[Array, Array, Array]:
     """The same of all values of a discrete germ; none if there are too many."""
-    capacity, nothing = space.germs[germ].capacity, np.zeros(0)
-    if not capacity or capacity > MOST_ATOMS:
+    found, nothing = space.atoms(germ), np.zeros(0)
+    if found is None or len(found[0]) > MOST_ATOMS:
         return nothing, nothing, nothing
-    counts = [1] * space.dimension
-    counts[germ] = capacity
-    rule = space.tensor_gauss(counts)
-    points = np.asarray(rule.points)
-    return points[:, germ], np.asarray(rule.weights), normal_scores(space, points)[:, germ]
+    values, probabilities = found
+    points = np.zeros((len(values), space.dimension))
+    points[:, germ] = values
+    return values, probabilities, normal_scores(space, points)[:, germ]
 
 
 def _functions(
@@ -216,13 +215,11 @@ def _functions(
                 np.eye(highest),
                 np.arange(1, highest + 1),
             )
-        order = np.argsort(points)
-        atoms, of_atoms = points[order], values[order]
-        between = 0.5 * (atoms[1:] + atoms[:-1])
+        between = 0.5 * (points[1:] + points[:-1])  # which rise
 
         def of_discrete(p: Array, z: Array) -> Array:
             own = family.evaluate(np.ascontiguousarray(p), highest)
-            return np.column_stack([own[:, 0], of_atoms[np.searchsorted(between, p)], own[:, 1:]])
+            return np.column_stack([own[:, 0], values[np.searchsorted(between, p)], own[:, 1:]])
 
         return _orthonormal(of_discrete, points, scores, mass)
 
