@@ -220,8 +220,9 @@ def solve(
     meshes
         With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
     max_unknowns, max_seconds
-        Budgets: of the meshes of a scene, in unknowns of all parts (None: 400 000); with `accuracy`, in seconds
-        (None: no limit): once anything is solved it ends then as with Ctrl-C, with the best answer so far.
+        Budgets: of the meshes of a scene, in unknowns of all parts (None: 400 000); with `accuracy`, in
+        seconds (None: no limit): once anything is solved it ends then as with Ctrl-C, with the best answer
+        so far.
         ``result.errors()`` says what is left.
     comm
         Of a scene: mpi4py communicator over which its parts are spread, as for

@@ -249,8 +249,8 @@ def tight_enough(
     notes: tuple[str, ...] = (),
     run: Interrupt | None = None,
 ) -> Result:
-    """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`. `run`: what
-    holds Ctrl-C back; None: nothing yet."""
+    """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`. `run`:
+    what holds Ctrl-C back; None: nothing yet."""
     of_meshes = known
     made = as_solved(result, quantity)
     if meshes and known is None:

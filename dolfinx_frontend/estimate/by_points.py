@@ -376,11 +376,12 @@ class _Samples:
         self.grow(self.each)
 
     def look_along(self, more: float, target: float, tails: Sequence[Tail]) -> bool:
-        """Whether points along each germ were solved: of linear laws, once, if they are fewer than so many."""
+        """Whether points along each germ were solved: of linear laws, once, if they are fewer than so many.
+        """
         possible = not self.result.collocations and 1 < self.space.dimension <= MOST_LINES
         if self.looked_along or not possible or isinstance(self.quantity, Quantile):
             return False
-        if cost_of_lines(self.space, target) > more:
+        if cost_of_lines(self.space) > more:
             return False
         self.looked_along = True
         self.lines = lines_of(self.result, self.quantity, target, self.rtol, tails, complete)
@@ -718,7 +719,7 @@ def by_samples(
     seconds = sum(samples.seconds.values())
     halving = f"{2 * total} samples, about {2 * seconds:.2g} s"
     seen_by = (far.points, 1) if far is not None and far_judged else (samples.germs, TELLING)
-    known = drawn.lines.known if stands and fit is not None and fit.functions is not None and drawn.lines else ()
-    left = [tail for tail in tails if tail.germ not in known]
+    along = stands and fit is not None and fit.functions is not None and drawn.lines is not None
+    left = [tail for tail in tails if not (along and drawn.lines and tail.germ in drawn.lines.known)]
     made = beside_tails(replace(made, next_halving=halving), left, result.space, *seen_by)
     return samples, made, notes

@@ -366,7 +366,7 @@ def why_stopped() -> str:
 
 
 def lost_variance(result: Result | SampleResult, counted: bool = False) -> tuple[str, ...]:
-    """What the modes of random fields leave out: it is in no error but that of the field, where it is counted."""
+    """What the modes of random fields leave out: in no error but that of the field, where it is counted."""
     random = getattr(result, "random", None)  # a deterministic answer has none
     told = "which the error of the field above counts" if counted else "which is in no error above"
     return tuple(

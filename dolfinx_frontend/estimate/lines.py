@@ -1,25 +1,33 @@
 """What a quantity does along each germ, as what stands for it where it is integrated.
 
-The displacement of springs in series is a sum of functions of one germ each, and with a random load a product
-with such a sum. Where 1 / k is skewed no polynomial of low degree is close to it, and samples hardly see where
-its deviation comes from. Points along one germ, all others at their medians, tell its function g whole: in the
-normal score it is smooth, and piecewise polynomials of asinh((g - middle) / scale) are as right far out, where
-g grows like an exponential, as near the middle. Made orthonormal with polynomials of the score, products of
-such functions of several germs have known means and variances, in which what is beyond the last point counts,
-too. How well a sum of them fits is told by samples, as of polynomials.
+The displacement of springs in series is a sum of functions of one germ each, and with a random load a
+product with such a sum. Where 1 / k is skewed no polynomial of low degree is close to it, and samples hardly
+see where its deviation comes from. Points along one germ, all others at their medians, tell its function g
+whole: in the normal score it is smooth, and piecewise polynomials of asinh((g - middle) / scale) are as right
+far out, where g grows like an exponential, as near the middle. Made orthonormal with polynomials of the score,
+products of such functions of several germs have known means and variances, in which what is beyond the last
+point counts, too. How well a sum of them fits is told by samples, as of polynomials.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
-from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.hinges import PER_TERM, Hinged, Terms, without_each
-from dolfinx_frontend.estimate.points import FARTHEST, SAFE, Witnesses, lawful, normal_scores, solved
+from dolfinx_frontend.estimate.points import (
+    FARTHEST,
+    SAFE,
+    Witnesses,
+    joined,
+    lawful,
+    normal_scores,
+    solved,
+)
 from dolfinx_frontend.estimate.tails import Tail
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import MeanStd
@@ -32,9 +40,11 @@ __all__ = ["Lines", "beyond_lines", "cost_of_lines", "fitted", "lines_of"]
 ENDS = (-FARTHEST, -4.5, -1.5, 1.5, 4.5, FARTHEST)
 """Ends of the pieces of a normal score."""
 
-COARSE, FINE_POINTS, FINE_TO = 6, 8, 3e-3
-"""Gauss points of a piece, and the accuracy below which there are more: a function is off by 2e-3 and 1e-4 of
-its deviation (inverses of gamma, lognormal and Weibull variables)."""
+GAUSS = 6
+"""Gauss points of a piece."""
+
+HALVINGS, OF_LINE = 4, 0.3
+"""Times that pieces are halved at most, and the error of a piece above which one is, over the accuracy."""
 
 MOST_ATOMS = 200
 """Values at most of a discrete germ that are all solved."""
@@ -113,15 +123,22 @@ class Lines(NamedTuple):
         return np.any(scores > FAR, axis=1)
 
 
-def cost_of_lines(space: RandomSpace, target: float) -> int:
-    """Points that all lines have."""
-    count = (len(ENDS) - 1) * _points(target)
-    atoms = (g.capacity or 0 for g, c in zip(space.germs, space.continuous, strict=True) if not c)
-    return count * sum(space.continuous) + sum(each for each in atoms if each <= MOST_ATOMS)
+def cost_of_lines(space: RandomSpace) -> int:
+    """About how many points all lines have."""
+    atoms = [len(found[0]) for found in map(space.atoms, range(space.dimension)) if found is not None]
+    return (len(ENDS) - 1) * GAUSS * sum(space.continuous) + sum(each for each in atoms if each <= MOST_ATOMS)
 
 
-def _points(target: float) -> int:
-    return COARSE if target > FINE_TO else FINE_POINTS
+class _Piece(NamedTuple):
+    """Points of a germ that are solved together."""
+
+    germ: int
+    points: Array  # (n, L) of the germs
+    scores: Array  # (n,) normal scores of the germ
+    mass: Array  # (n,) probability that each stands for
+    ends: tuple[float, float] | None  # normal scores between which they are Gauss points; None: they are not
+    values: Array = np.zeros(0)  # (n,) of the quantity
+    first: int = 0  # number of the first one of them
 
 
 def lines_of(
@@ -132,132 +149,177 @@ def lines_of(
     tails: Sequence[Tail],
     complete: Callable[[SampleResult], None],
 ) -> Lines | None:
-    """Solve points along each germ, all others at their medians; None: these make no laws, or no sense.
+    """Solve points along each germ, all others at their medians; None: there are none that make laws.
 
-    The last point of each of the `tails` stands for all that is beyond.
+    Pieces of a germ are halved where polynomials are not as right as an accuracy `target` asks for. The last
+    point of each of the `tails` stands for all that is beyond.
     """
     space = result.space
-    middle = space.from_normal(np.zeros((1, space.dimension)))[0]
-    germs, masses, scores = [], [], []
-    for germ, continuous in enumerate(space.continuous):
-        at, mass, score = _of_continuous(space, germ, tails, _points(target))
-        if not continuous:
-            at, mass, score = _of_atoms(space, germ)
-        points = np.tile(middle, (len(at), 1))
-        points[:, germ] = at
-        if not len(at) or not np.all(np.isfinite(points)) or not np.all(lawful(result.random, points)):
-            points, mass, score = points[:0], mass[:0], score[:0]
-        germs.append(points)
-        masses.append(mass)
-        scores.append(score)
-    if not sum(map(len, germs)):
+    new: list[_Piece] = []
+    for germ in range(space.dimension):
+        found = _pieces(space, germ, tails)
+        every = [each.points for each in found]
+        if all(np.all(np.isfinite(each)) and np.all(lawful(result.random, each)) for each in every):
+            new += found
+    samples: SampleResult | None = None
+    pieces: list[_Piece] = []
+    for halved in range(1 + HALVINGS):
+        if not new:
+            break
+        points = np.concatenate([each.points for each in new])
+        more = solved(result, points, np.ones(len(points)), rtol, quantity)
+        complete(more)
+        values, at = quantity.at_end(more, more), 0 if samples is None else len(samples.germs)
+        samples = more if samples is None else joined(samples, more)
+        for each in new:
+            own, values = np.split(values, [len(each.points)])
+            pieces.append(each._replace(values=own, first=at))
+            at += len(own)
+        bad = {each.germ for each in pieces if not np.all(np.isfinite(each.values))}
+        pieces = [each for each in pieces if each.germ not in bad]
+        rough = _rough(pieces, OF_LINE * target) if halved < HALVINGS else []
+        pieces = [each for each in pieces if not any(each is other for other in rough)]
+        new = [half for each in rough for half in _halves(space, each)]
+    if samples is None or not pieces:
         return None
-    try:
-        samples = solved(result, np.concatenate(germs), np.ones(sum(map(len, germs))), rtol, quantity)
-    except SceneError:
-        return None
-    complete(samples)
-    values = quantity.at_end(samples, samples)
-    first = np.cumsum([0, *map(len, germs)])
-    along, known = [], set()
-    for germ, mass in enumerate(masses):
-        own = values[first[germ] : first[germ + 1]]
-        if not np.all(np.isfinite(own)):
-            own, mass = own[:0], mass[:0]
-        if len(own):
-            known.add(germ)
-        along.append(_functions(space, germ, germs[germ][:, germ], scores[germ], mass, own, _points(target)))
-    far = (np.abs(np.concatenate(scores)) > FAR) & np.isfinite(values)
-    weights = np.where(far, np.concatenate(masses), 0.0)
-    return Lines(space, tuple(along), samples, np.where(far, values, 0.0), weights, frozenset(known))
+    own_pieces = ([each for each in pieces if each.germ == germ] for germ in range(space.dimension))
+    along = tuple(_functions(space, germ, found) for germ, found in enumerate(own_pieces))
+    known, weights = np.zeros((2, len(samples.germs)))
+    for each in pieces:
+        part = slice(each.first, each.first + len(each.points))
+        known[part], weights[part] = each.values, np.where(np.abs(each.scores) > FAR, each.mass, 0.0)
+    return Lines(space, along, samples, known, weights, frozenset(each.germ for each in pieces))
 
 
-def _of_continuous(
-    space: RandomSpace, germ: int, tails: Sequence[Tail], points: int
-) -> tuple[Array, Array, Array]:
-    """Values of a germ (n,), the probability that each stands for, and its normal score."""
-    own = {float(np.sign(tail.end)): tail for tail in tails if tail.germ == germ}
+def _piece(space: RandomSpace, germ: int, lower: float, upper: float) -> _Piece:
+    """Gauss points between two normal scores of a germ."""
+    at, weights = np.polynomial.legendre.leggauss(GAUSS)
+    half = 0.5 * (upper - lower)
+    z = lower + half * (1.0 + at)
+    mass = half * weights * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+    return _Piece(germ, _on_line(space, germ, z), z, mass, (lower, upper))
+
+
+def _on_line(space: RandomSpace, germ: int, scores: Array) -> Array:
+    """Points (n, L) at normal scores (n,) of a germ, all others at their medians."""
+    every: Array = np.zeros((len(scores), space.dimension))
+    every[:, germ] = scores
+    return space.from_normal(every)
+
+
+def _halves(space: RandomSpace, piece: _Piece) -> list[_Piece]:
+    assert piece.ends is not None
+    lower, upper = piece.ends
+    middle = 0.5 * (lower + upper)
+    return [_piece(space, piece.germ, *ends) for ends in ((lower, middle), (middle, upper))]
+
+
+def _pieces(space: RandomSpace, germ: int, tails: Sequence[Tail]) -> list[_Piece]:
+    """The first pieces of a germ, to the last points of its tails, and these; all values of a discrete one,
+    none if there are too many."""
+    atoms = space.atoms(germ)
+    if atoms is not None:
+        values, probabilities = atoms
+        if len(values) > MOST_ATOMS:
+            return []
+        points = np.repeat(_on_line(space, germ, np.zeros(1)), len(values), axis=0)
+        points[:, germ] = values
+        return [_Piece(germ, points, normal_scores(space, points)[:, germ], probabilities, None)]
+    own = [tail for tail in tails if tail.germ == germ]
     ends = np.array(ENDS)
-    for side, tail in own.items():
-        ends[0 if side < 0.0 else -1] = tail.end
-    at, weights = np.polynomial.legendre.leggauss(points)
-    half = 0.5 * np.diff(ends)[:, None]
-    z = (ends[:-1, None] + half * (1.0 + at)).ravel()
-    mass = (half * weights).ravel() * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    z = np.concatenate([z, [tail.end for tail in own.values()]])
-    mass = np.concatenate([mass, [tail.weight for tail in own.values()]])
-    scores = np.zeros((len(z), space.dimension))
-    scores[:, germ] = z
-    return space.from_normal(scores)[:, germ], mass, z
+    for tail in own:
+        ends[0 if tail.end < 0.0 else -1] = tail.end
+    found = [_piece(space, germ, float(a), float(b)) for a, b in pairwise(ends)]
+    if own:
+        z = np.array([tail.end for tail in own])
+        weights = np.array([tail.weight for tail in own])
+        found.append(_Piece(germ, _on_line(space, germ, z), z, weights, None))
+    return found
 
 
-def _of_atoms(space: RandomSpace, germ: int) -> tuple[Array, Array, Array]:
-    """The same of all values of a discrete germ; none if there are too many."""
-    found, nothing = space.atoms(germ), np.zeros(0)
-    if found is None or len(found[0]) > MOST_ATOMS:
-        return nothing, nothing, nothing
-    values, probabilities = found
-    points = np.zeros((len(values), space.dimension))
-    points[:, germ] = values
-    return values, probabilities, normal_scores(space, points)[:, germ]
+def _height(pieces: Sequence[_Piece]) -> tuple[float, float, Array] | None:
+    """Of the pieces of a germ: middle and scale, and Legendre coefficients (pieces, GAUSS) of
+    asinh((g - middle) / scale); None: the quantity does not change."""
+    g, mass = (np.stack([getattr(each, what) for each in pieces]) for what in ("values", "mass"))
+    w = mass / mass.sum()
+    scale = float(np.sqrt(np.sum(w * (g - np.sum(w * g)) ** 2)))
+    if not scale > 0.0:
+        return None
+    scores = np.concatenate([each.scores for each in pieces])
+    middle = float(np.interp(0.0, scores, g.ravel()))
+    at, _ = np.polynomial.legendre.leggauss(GAUSS)
+    inverse = np.linalg.inv(np.polynomial.legendre.legvander(at, GAUSS - 1))
+    return middle, scale, np.arcsinh((g - middle) / scale) @ inverse.T
 
 
-def _functions(
-    space: RandomSpace, germ: int, points: Array, scores: Array, mass: Array, values: Array, count: int
-) -> _Along:
-    """The quantity along a germ and polynomials beside it; without values (n,) at its points, these alone."""
+def _of_scores(pieces: Sequence[_Piece], germ: int) -> list[_Piece]:
+    """Pieces of a germ in rising order."""
+    return sorted((p for p in pieces if p.germ == germ and p.ends is not None), key=lambda p: p.ends or (0.0,))
+
+
+def _rough(pieces: Sequence[_Piece], most: float) -> list[_Piece]:
+    """Pieces whose polynomials are off by more than this share of the deviation, by their last coefficients."""
+    found, square = [], 0.0
+    for germ in sorted({each.germ for each in pieces}):
+        own = _of_scores(pieces, germ)
+        known = _height(own) if own else None
+        if known is None:
+            continue
+        middle, scale, heights = known
+        square += scale**2
+        for each, height in zip(own, heights, strict=True):
+            steep = float(np.sqrt(each.mass @ (scale**2 + (each.values - middle) ** 2)))
+            found.append((float(np.abs(height[-2:]).max()) * steep, each))
+    return [each for off, each in found if off > most * np.sqrt(square)]
+
+
+def _functions(space: RandomSpace, germ: int, pieces: Sequence[_Piece]) -> _Along:
+    """The quantity along a germ and polynomials beside it; without pieces, these alone."""
     family = space.germs[germ]
     if not space.continuous[germ]:
         highest = min(HIGHEST, (family.capacity or 1) - 1)
-        if not len(values):
-            return _Along(
-                lambda p, z: family.evaluate(np.ascontiguousarray(p), highest)[:, 1:],
-                np.eye(highest),
-                np.arange(1, highest + 1),
-            )
-        between = 0.5 * (points[1:] + points[:-1])  # which rise
 
-        def of_discrete(p: Array, z: Array) -> Array:
-            own = family.evaluate(np.ascontiguousarray(p), highest)
-            return np.column_stack([own[:, 0], values[np.searchsorted(between, p)], own[:, 1:]])
+        def polynomials(p: Array, z: Array) -> Array:
+            return np.asarray(family.evaluate(np.ascontiguousarray(p), highest))
 
-        return _orthonormal(of_discrete, points, scores, mass)
+    else:
+        highest = HIGHEST
 
-    def polynomials(z: Array) -> Array:
-        return np.polynomial.hermite_e.hermevander(z, HIGHEST)
+        def polynomials(p: Array, z: Array) -> Array:
+            return np.polynomial.hermite_e.hermevander(z, HIGHEST) / np.sqrt([1.0, 1.0, 2.0, 6.0])
 
-    if not len(values):
-        size = np.sqrt([1.0, 2.0, 6.0][:HIGHEST])
-        return _Along(lambda p, z: polynomials(z)[:, 1:] / size, np.eye(HIGHEST), np.arange(1, HIGHEST + 1))
-    inside = (len(ENDS) - 1) * count
-    g, w = values[:inside], mass[:inside] / mass[:inside].sum()
-    mean = float(w @ g)
-    middle, scale = float(np.interp(0.0, scores[:inside], g)), float(np.sqrt(w @ (g - mean) ** 2))
-    if not scale > 0.0:
-        return _functions(space, germ, points[:0], scores[:0], mass[:0], values[:0], count)
-    ends = np.array(ENDS)
-    ends[0], ends[-1] = _ends(scores[:inside], count)
-    at, _ = np.polynomial.legendre.leggauss(count)
-    heights = np.arcsinh((g - middle) / scale).reshape(-1, count) @ np.linalg.inv(np.vander(at, count)).T
+    def alone(p: Array, z: Array) -> Array:
+        return polynomials(p, z)[:, 1:]
 
-    def of_score(p: Array, z: Array) -> Array:
-        within = np.clip(z, ends[0], ends[-1])
-        piece = np.clip(np.searchsorted(ends, within) - 1, 0, len(ends) - 2)
-        t = 2.0 * (within - ends[piece]) / (ends[piece + 1] - ends[piece]) - 1.0
-        height = np.sum(np.vander(t, count) * heights[piece], axis=1)
-        own = polynomials(z)
-        return np.column_stack([own[:, 0], middle + scale * np.sinh(height), own[:, 1:]])
+    own = _of_scores(pieces, germ)
+    known = _height(own) if own else None
+    if not pieces or (own and known is None):
+        return _Along(alone, np.eye(highest), np.arange(1, highest + 1))
+    points = np.concatenate([each.points[:, germ] for each in pieces])
+    scores, mass = (np.concatenate([getattr(p, what) for p in pieces]) for what in ("scores", "mass"))
+    if known is None:
+        values = pieces[0].values
+        between = 0.5 * (points[1:] + points[:-1])  # of atoms, which rise
 
-    return _orthonormal(of_score, points, scores, mass)
+        def along(p: Array, z: Array) -> Array:
+            return values[np.searchsorted(between, p)]
 
+    else:
+        middle, scale, heights = known
+        ends = np.array([own[0].ends[0], *(each.ends[1] for each in own)])  # type: ignore[index]
 
-def _ends(scores: Array, count: int) -> tuple[float, float]:
-    """Ends of the first and of the last piece by their Gauss points."""
-    at, _ = np.polynomial.legendre.leggauss(count)
-    lower, upper = scores[:count], scores[-count:]
-    first = ENDS[1] - 2.0 * (ENDS[1] - lower[0]) / (1.0 - at[0])
-    last = ENDS[-2] + 2.0 * (upper[-1] - ENDS[-2]) / (1.0 + at[-1])
-    return first, last
+        def along(p: Array, z: Array) -> Array:
+            within = np.clip(z, ends[0], ends[-1])
+            piece = np.clip(np.searchsorted(ends, within) - 1, 0, len(ends) - 2)
+            t = 2.0 * (within - ends[piece]) / (ends[piece + 1] - ends[piece]) - 1.0
+            height = np.sum(np.polynomial.legendre.legvander(t, GAUSS - 1) * heights[piece], axis=1)
+            return np.asarray(middle + scale * np.sinh(height))
+
+    def every(p: Array, z: Array) -> Array:
+        beside = polynomials(p, z)
+        return np.column_stack([beside[:, 0], along(p, z), beside[:, 1:]])
+
+    return _orthonormal(every, points, scores, mass)
 
 
 def _orthonormal(raw: Callable[[Array, Array], Array], points: Array, scores: Array, mass: Array) -> _Along:
@@ -280,11 +342,9 @@ def _orthonormal(raw: Callable[[Array, Array], Array], points: Array, scores: Ar
     return _Along(raw, np.stack(columns[1:], axis=1), np.array(of[1:], dtype=np.int64))
 
 
-def fitted(
-    lines: Lines, points: Array, weights: Array, labels: Ints, values: Array
-) -> Hinged | None:
-    """Sums of products of functions of one germ through values (n,) at points (n, L), of the degree that serves
-    best; None: too few points. `weights`, `labels`: as of :func:`hinges.hinged`."""
+def fitted(lines: Lines, points: Array, weights: Array, labels: Ints, values: Array) -> Hinged | None:
+    """Sums of products of functions of one germ through values (n,) at points (n, L), of the degree that
+    serves best; None: too few points. `weights`, `labels`: as of :func:`hinges.hinged`."""
     sets = int(labels.max()) + 1
     mean = float(weights @ values)
     spread = float(np.sqrt(weights @ (values - mean) ** 2))
@@ -307,8 +367,8 @@ def fitted(
 def beyond_lines(
     lines: Lines, tails: Sequence[Tail], fit: Hinged, seen: Witnesses, value: MeanStd
 ) -> MeanStd:
-    """Errors of mean and deviation by what is beyond the last points of a fit to lines: as far as the powers of
-    the tails are not known, and as much of it as the last witnesses along a germ say that the fit is off."""
+    """Errors of mean and deviation by what is beyond the last points of a fit to lines: as far as the powers
+    of the tails are not known, and as much of it as the last witnesses along a germ say that the fit is off."""
     first = square = 0.0
     scores = normal_scores(lines.space, seen.points)
     off = np.abs(seen.values - fit(lines.space, seen.points)[:, -1])

@@ -219,7 +219,8 @@ class _Meshes(Judged):
             )
         spent = self._spent()
         if self.max_seconds is not None and spent > self.max_seconds:
-            if not any(f"budget of {self.max_seconds:g} s" in note for note in self.notes) and not stopped:
+            told = any(f"budget of {self.max_seconds:g} s" in note for note in self.notes)
+            if not told and not stopped:
                 self.notes.append(
                     f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s: what was begun, a "
                     "factorisation or the first answer, ends first"

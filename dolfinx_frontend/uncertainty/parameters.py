@@ -116,7 +116,7 @@ class RandomParameter(Operand):
 
     @property
     def atoms(self) -> tuple[Array, Array] | None:
-        """Values (n,) of the germ of a discrete parameter and their probabilities (n,); None: it is continuous."""
+        """Values (n,) of the germ of a discrete parameter, and probabilities (n,); None: it is continuous."""
         law = self._law
         return (self.to_germ(law.values), law.probabilities) if isinstance(law, Atoms) else None
 

@@ -132,7 +132,7 @@ def test_what_is_held_back_and_when() -> None:
 
 STAGES: dict[str, tuple[Any, str, int, float]] = {
     "a fit of hinges": (hinges, "_fitted", 40, 2e-3),
-    "the fits without a set": (hinges, "_without_each", 2, 2e-3),
+    "the fits without a set": (hinges, "without_each", 2, 2e-3),
     "the integration over many points": (by_points, "wide_points", 30, 2e-3),
     "the weights of the sets": (by_points, "calibrated", 12, 2e-3),
     "points far out": (by_points, "far_out", 1, 2e-2),
