@@ -384,6 +384,9 @@ class _Samples:
         if cost_of_lines(self.space) > more:
             return False
         self.looked_along = True
+        spread = self._spread()
+        size = size_of(MeanStd(float(self.drawn @ self.values), spread), self.quantity)
+        target *= min(share_of(size, spread), 1.0)  # of the deviation, also where the mean is less
         self.lines = lines_of(self.result, self.quantity, target, self.rtol, tails, complete)
         return self.lines is not None
 
@@ -638,10 +641,10 @@ def by_samples(
     along_germs = target < SEEN_TO or seen is not None
     judged = not isinstance(quantity, Quantile) and (along_germs or bool(contacts_of(result)))
     far: Witnesses | None = None
-    if tails:
-        drawn.look_along(np.inf, target, tails)
     while True:
         drawn.grow(each)
+        if tails:
+            drawn.look_along(np.inf, target, tails)
         said, fit = drawn.plain(), None
         stands = far_judged = False
 

@@ -4,7 +4,7 @@ The displacement of springs in series is a sum of functions of one germ each, an
 product with such a sum. Where 1 / k is skewed no polynomial of low degree is close to it, and samples hardly
 see where its deviation comes from. Points along one germ, all others at their medians, tell its function g
 whole: in the normal score it is smooth, and piecewise polynomials of asinh((g - middle) / scale) are as right
-far out, where g grows like an exponential, as near the middle. Made orthonormal with polynomials of the score,
+far out, where g grows like an exponential, as near the middle. Orthonormal with polynomials of the score,
 products of such functions of several germs have known means and variances, in which what is beyond the last
 point counts, too. How well a sum of them fits is told by samples, as of polynomials.
 """
@@ -254,11 +254,12 @@ def _height(pieces: Sequence[_Piece]) -> tuple[float, float, Array] | None:
 
 def _of_scores(pieces: Sequence[_Piece], germ: int) -> list[_Piece]:
     """Pieces of a germ in rising order."""
-    return sorted((p for p in pieces if p.germ == germ and p.ends is not None), key=lambda p: p.ends or (0.0,))
+    own = (each for each in pieces if each.germ == germ and each.ends is not None)
+    return sorted(own, key=lambda each: each.ends or (0.0,))
 
 
 def _rough(pieces: Sequence[_Piece], most: float) -> list[_Piece]:
-    """Pieces whose polynomials are off by more than this share of the deviation, by their last coefficients."""
+    """Pieces whose polynomials are off by more than a share of the deviation, by their last coefficients."""
     found, square = [], 0.0
     for germ in sorted({each.germ for each in pieces}):
         own = _of_scores(pieces, germ)
@@ -368,7 +369,7 @@ def beyond_lines(
     lines: Lines, tails: Sequence[Tail], fit: Hinged, seen: Witnesses, value: MeanStd
 ) -> MeanStd:
     """Errors of mean and deviation by what is beyond the last points of a fit to lines: as far as the powers
-    of the tails are not known, and as much of it as the last witnesses along a germ say that the fit is off."""
+    of the tails are not known, and as much of it as the last witnesses along a germ say that it is off."""
     first = square = 0.0
     scores = normal_scores(lines.space, seen.points)
     off = np.abs(seen.values - fit(lines.space, seen.points)[:, -1])

@@ -222,8 +222,8 @@ class _Meshes(Judged):
             told = any(f"budget of {self.max_seconds:g} s" in note for note in self.notes)
             if not told and not stopped:
                 self.notes.append(
-                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s: what was begun, a "
-                    "factorisation or the first answer, ends first"
+                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s: what was begun, "
+                    "a factorisation or the first answer, ends first"
                 )
 
     def _of_points(

@@ -581,8 +581,8 @@ class Face(ABC):
         step
             Of a load history, for a number of the tables.
         """
-        wanted = "give a function of the fields of n samples that returns (n,) values, or 'interface.column'; "
-        wanted += "of an interface, a Resultant, a Measure or a Quantile mean_std(...) tells mean and "
+        wanted = "give a function of the fields of n samples that returns (n,) values, or 'interface.column'"
+        wanted += "; of an interface, a Resultant, a Measure or a Quantile mean_std(...) tells mean and "
         wanted += "deviation, or the quantile: mean_std(Quantile('joint', 0.95))"
         if isinstance(function, str) and "." in function:
             name = function if name == "quantity" else name
