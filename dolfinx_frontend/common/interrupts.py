@@ -39,8 +39,6 @@ class Interrupt:
         False: Ctrl-C raises until :meth:`hold` is called: there is nothing yet that could be returned.
     alone
         Whether no other rank waits for this one, so that the work may end anywhere.
-    seconds
-        Budget of time from now on, whose end is as Ctrl-C; None: there is none.
 
     Attributes
     ----------
@@ -48,9 +46,9 @@ class Interrupt:
         Whether Ctrl-C was pressed here, and not in a context around this one, which asks for it again.
     """
 
-    def __init__(self, holds: bool = True, alone: bool = True, seconds: float | None = None) -> None:
+    def __init__(self, holds: bool = True, alone: bool = True) -> None:
         self._holds, self.alone = holds, alone
-        self._until = np.inf if seconds is None else monotonic() + seconds
+        self._until = np.inf
         self.told = self._installed = False
         self._before: Any = None
         self._outer: Interrupt | None = None
@@ -62,9 +60,8 @@ class Interrupt:
 
     @property
     def late(self) -> bool:
-        """Whether a budget of time has ended: where there is no answer yet, it waits for it."""
-        own = self._holds and monotonic() > self._until
-        return own or (self._outer is not None and self._outer.late)
+        """Whether a budget of time has ended."""
+        return monotonic() > self._until or (self._outer is not None and self._outer.late)
 
     @property
     def pressed(self) -> bool:
@@ -72,8 +69,12 @@ class Interrupt:
         return self.asked or self.late
 
     def hold(self) -> None:
-        """Hold Ctrl-C back from now on: there is an answer, which a budget of time may end with."""
+        """Hold Ctrl-C back from now on: there is an answer."""
         self._holds = True
+
+    def limit(self, seconds: float) -> None:
+        """A budget of time from now on, whose end is as Ctrl-C; 0: it has ended, and there is an answer."""
+        self._until = monotonic() + seconds
 
     def watch(self, callback: Callable[[Any], None] | None = None) -> Callable[[Any], None]:
         """A callback for the kernel that ends the run once Ctrl-C was pressed."""

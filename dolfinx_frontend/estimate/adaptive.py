@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import isfinite, log
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -199,7 +199,8 @@ def solve_to_accuracy(
     checked_flag("solve", "meshes", meshes)
     if max_seconds is not None:
         checked_number("solve", "max_seconds", max_seconds, above=0.0)
-    run = Interrupt(holds=False, alone=problem.comm is None, seconds=max_seconds)
+    began = monotonic()
+    run = Interrupt(holds=False, alone=problem.comm is None)
     what = compared_with(interest(problem.interfaces, quantity), compared)
     of_one = None if what is None else what.interface
     options = options or (Options.plain() if method == "latin" else Options())
@@ -223,10 +224,14 @@ def solve_to_accuracy(
         if known is not None:
             complete(first)  # a search for meshes has something better
         run.hold()
+        if max_seconds is not None:
+            run.limit(max_seconds - (monotonic() - began))
         with run:
             return _Search(first, accuracy, what, known).answer(meshes)
     plan = make_plan(problem, method, kept_for(what, method, active), (), direction, options, times=times)
     result = solve_once(problem, plan, estimator=errors)
+    if max_seconds is not None:
+        run.limit(max_seconds - (monotonic() - began))
     what, notes = beside_what_acts(result, what)
     return tight_enough(result, accuracy, what, meshes, known, notes, run)
 

@@ -188,7 +188,7 @@ class Judged:
         self.spread: float | None = None
         self.result: Result | None = None
         self.share: ErrorShare | None = None
-        self.run = Interrupt(holds=False, alone=comm is None or comm.size == 1, seconds=max_seconds)
+        self.run = Interrupt(holds=False, alone=comm is None or comm.size == 1)
         self.answered: tuple[Result, ErrorShare] | None = None
         self.target = accuracy
         self.steps: list[MeshStep] = []
@@ -323,6 +323,8 @@ class Judged:
         self.share = ErrorShare(energy, absolute, None, how)
         self.places = places_of(result.problem, self.meshes, self.cells)
         self._answers(result, self.share)
+        if self.max_seconds is not None:
+            self.run.limit(self.max_seconds - self._spent())
         costs = result.solver.costs
         kept = (over_ranks(result, sum(bool(each["kept"]) for each in costs)), over_ranks(result, len(costs)))
         seconds = self._spent()

@@ -55,8 +55,9 @@ HIGHEST = 3
 MOST_ORDER = 4
 """Highest degree of products, in which a function of one germ counts as 1."""
 
-OWN = 1e-6
-"""Share of a function above which it is no combination of others."""
+OWN = 1e-2
+"""Share of a function above which it is no combination of others: errors of pieces are enlarged by its inverse.
+"""
 
 FAR = 2.5
 """Normal score from which on points of the lines are part of the answer: hardly a sample is there."""

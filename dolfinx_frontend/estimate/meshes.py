@@ -38,7 +38,7 @@ from dolfinx_frontend.estimate.adaptive import (
     with_errors,
 )
 from dolfinx_frontend.estimate.cells import cells_of
-from dolfinx_frontend.estimate.errors import FINEST, LATE, compared_with, why_stopped
+from dolfinx_frontend.estimate.errors import FINEST, compared_with, why_stopped
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import MARGIN, Judged
 from dolfinx_frontend.estimate.levels import of_two_meshes
@@ -160,8 +160,8 @@ class _Meshes(Judged):
                 if self.answered is None:
                     raise
                 found = self._so_far(*self.answered)
+        self._budgets_that_were_exceeded()
         made = found.errors()
-        self._budgets_that_were_exceeded(LATE in made.notes)
         steps, notes = tuple(self.steps), (*self.notes, *made.notes)
         return found.with_notes(found=replace(made, places=self.places, steps=steps, notes=notes))
 
@@ -208,9 +208,8 @@ class _Meshes(Judged):
             made = replace(made, truncation=ErrorShare(np.nan, nan, None, "the scatter is not computed"))
         return with_errors(result, made, self.accuracy, self.share, notes)
 
-    def _budgets_that_were_exceeded(self, stopped: bool) -> None:
-        """A word of what the first meshes take more than a budget: they are solved on in any case. `stopped`:
-        there is one of the time already."""
+    def _budgets_that_were_exceeded(self) -> None:
+        """A word of what the first meshes take more than a budget: they are solved on in any case."""
         assert self.problem is not None
         if len(self.steps) == 1 and self.steps[0].unknowns > self.max_unknowns:
             self.notes.append(
@@ -219,11 +218,10 @@ class _Meshes(Judged):
             )
         spent = self._spent()
         if self.max_seconds is not None and spent > self.max_seconds:
-            told = any(f"budget of {self.max_seconds:g} s" in note for note in self.notes)
-            if not told and not stopped:
+            if not any(f"budget of {self.max_seconds:g} s" in note for note in self.notes):
                 self.notes.append(
-                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s: what was begun, "
-                    "a factorisation or the first answer, ends first"
+                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s: a mesh that "
+                    "was begun, or the first answer, ends first"
                 )
 
     def _of_points(
