@@ -44,7 +44,7 @@ GAUSS = 6
 """Gauss points of a piece."""
 
 HALVINGS, OF_LINE = 4, 0.3
-"""Times that pieces are halved at most, and the error of a piece above which one is, over the accuracy."""
+"""Times that pieces are halved at most; the error of a piece above which one is, over the accuracy."""
 
 MOST_ATOMS = 200
 """Values at most of a discrete germ that are all solved."""
@@ -56,8 +56,7 @@ MOST_ORDER = 4
 """Highest degree of products, in which a function of one germ counts as 1."""
 
 OWN = 1e-2
-"""Share of a function above which it is no combination of others: errors of pieces are enlarged by its inverse.
-"""
+"""Share of a function above which it is no combination of others, and which enlarges errors of pieces."""
 
 FAR = 2.5
 """Normal score from which on points of the lines are part of the answer: hardly a sample is there."""

@@ -81,7 +81,7 @@ def test_a_function_that_no_sum_is():
 
 
 def test_functions_of_each_germ_are_orthonormal():
-    """For the laws of the germs: by Gauss-Hermite points of the normal score, and by the values themselves."""
+    """For the laws of the germs: by Gauss-Hermite points of the normal score, and by the values."""
     laws = [LogNormal("a", 40.0, cov=0.8), FromSamples("b", 40.0 * OBSERVED), Normal("c", 40.0, cov=0.01)]
     first = solve(layers(*laws), chaos=Chaos(order=1, check_points=0), active="all")
     lines = lines_of(first, END, 1e-3, 1e-8, [], complete)
