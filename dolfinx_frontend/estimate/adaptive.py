@@ -343,8 +343,8 @@ def with_errors(
         made = replace(made, next_halving=halving(made))
     for note in notes if result.problem.rank == 0 else ():
         _log.warning("%s", note)
-    lost = lost_variance(result, made.field is not None)
-    return result.with_notes(found=replace(made, notes=(*lost, *notes)))
+    of_fields: tuple[str, ...] = lost_variance(result, made.field is not None)
+    return result.with_notes(found=replace(made, notes=(*of_fields, *notes)))
 
 
 class _Search:

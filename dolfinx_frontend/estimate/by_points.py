@@ -431,7 +431,7 @@ class _Samples:
         values = fit(self.space, self.samples.germs)[:, -1]
         own = [SETS * self.drawn[self.labels == k] @ values[self.labels == k] for k in range(SETS)]
         off = abs(float(np.mean(own)) - float(fit.coefficients[0, 0, -1]))
-        return off <= AGREED * float(np.std(own, ddof=1)) / np.sqrt(SETS) + fit.rest
+        return bool(off <= AGREED * float(np.std(own, ddof=1)) / np.sqrt(SETS) + fit.rest)
 
     def _unseen(self, fit: Hinged) -> Array:
         """Values of the fits that have not seen the set of a point."""
@@ -457,7 +457,8 @@ class _Samples:
             means, doubts = self._expected(fit, about, target)
             lacks = quantity.controls(self.values, *about) - controls
             own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
-            every, drawn, free = self.values, self.drawn, None
+            every, drawn = self.values, self.drawn
+            free: Array | None = None
             if fit.functions is not None and self.lines is not None:
                 # what is far out counts in what is expected: points that are there must be in the answer
                 at = self.lines.samples.germs
@@ -465,7 +466,7 @@ class _Samples:
                 controls, germs = np.concatenate([controls, of_lines]), np.concatenate([known, at])
                 every = np.concatenate([every, self.lines.values])
                 drawn = np.concatenate([np.where(self.lines.far(known), 0.0, drawn), self.lines.weights])
-                free = 1.0 / (1.0 + (controls[:, 0] / AT_REST) ** 2) ** 2
+                free = np.asarray((1.0 + (controls[:, 0] / AT_REST) ** 2) ** -2.0, dtype=np.float64)
             expected = means.mean(axis=0)
             weights = calibrated(self.space, germs, drawn, (controls, expected), MOST_BESIDE, free)
             value = MeanStd(*quantity.statistic(every, weights))
@@ -480,8 +481,8 @@ class _Samples:
         how = f"{SETS} sets of {self.each} samples beside {beside}"
         if isinstance(quantity, Quantile):
             # a quantile of points is one of their values: by a whole point it is the next one
-            free = SURE * float(own.std(ddof=1)) / np.sqrt(SETS) + doubts[0]
-            of_level = free + float(np.abs(weights).max())
+            slack = SURE * float(own.std(ddof=1)) / np.sqrt(SETS) + doubts[0]
+            of_level = slack + float(np.abs(weights).max())
             levels = [min(max(quantity.level + d, 1e-12), 1.0 - 1e-12) for d in (-of_level, of_level)]
             ends = [replace(quantity, level=level).statistic(self.values, weights)[0] for level in levels]
             return _Sampled(weights, value, max(abs(end - value.mean) for end in ends), 0.0, how)

@@ -120,7 +120,7 @@ class Lines(NamedTuple):
     def far(self, points: Array) -> Flags:
         """Which points (n, L) lie where those of the lines are that stand for something."""
         scores = np.abs(normal_scores(self.space, points)[:, sorted(self.known)])
-        return np.any(scores > FAR, axis=1)
+        return np.asarray(np.any(scores > FAR, axis=1), dtype=np.bool_)
 
 
 def cost_of_lines(space: RandomSpace) -> int:
@@ -260,14 +260,15 @@ def _of_scores(pieces: Sequence[_Piece], germ: int) -> list[_Piece]:
 
 def _rough(pieces: Sequence[_Piece], most: float) -> list[_Piece]:
     """Pieces whose polynomials are off by more than a share of the deviation, by their last coefficients."""
-    found, square = [], 0.0
+    found: list[tuple[float, _Piece]] = []
+    square = 0.0
     for germ in sorted({each.germ for each in pieces}):
         own = _of_scores(pieces, germ)
         known = _height(own) if own else None
         if known is None:
             continue
         middle, scale, heights = known
-        square += scale**2
+        square += scale * scale
         for each, height in zip(own, heights, strict=True):
             steep = float(np.sqrt(each.mass @ (scale**2 + (each.values - middle) ** 2)))
             found.append((float(np.abs(height[-2:]).max()) * steep, each))
@@ -287,7 +288,8 @@ def _functions(space: RandomSpace, germ: int, pieces: Sequence[_Piece]) -> _Alon
         highest = HIGHEST
 
         def polynomials(p: Array, z: Array) -> Array:
-            return np.polynomial.hermite_e.hermevander(z, HIGHEST) / np.sqrt([1.0, 1.0, 2.0, 6.0])
+            found = np.polynomial.hermite_e.hermevander(z, HIGHEST) / np.sqrt([1.0, 1.0, 2.0, 6.0])
+            return np.asarray(found, dtype=np.float64)
 
     def alone(p: Array, z: Array) -> Array:
         return polynomials(p, z)[:, 1:]
@@ -303,11 +305,13 @@ def _functions(space: RandomSpace, germ: int, pieces: Sequence[_Piece]) -> _Alon
         between = 0.5 * (points[1:] + points[:-1])  # of atoms, which rise
 
         def along(p: Array, z: Array) -> Array:
-            return values[np.searchsorted(between, p)]
+            found: Array = values[np.searchsorted(between, p)]
+            return found
 
     else:
         middle, scale, heights = known
-        ends = np.array([own[0].ends[0], *(each.ends[1] for each in own)])  # type: ignore[index]
+        bounds = [each.ends for each in own if each.ends is not None]
+        ends: Array = np.array([bounds[0][0], *(upper for _, upper in bounds)])
 
         def along(p: Array, z: Array) -> Array:
             within = np.clip(z, ends[0], ends[-1])
@@ -354,7 +358,7 @@ def fitted(lines: Lines, points: Array, weights: Array, labels: Ints, values: Ar
         degrees = lines.degrees(order)
         if not spread > 0.0 or PER_TERM * len(degrees) > len(values):
             break
-        terms = Terms(lines(points, order), degrees, weights, (values - mean) / spread)
+        terms = Terms(lines(points, order), degrees, weights, np.asarray((values - mean) / spread))
         found = without_each(terms, [], order, labels, sets, (-np.inf, np.inf))
         if found is not None and (best is None or found.rest < best.rest):
             best = found
@@ -362,7 +366,7 @@ def fitted(lines: Lines, points: Array, weights: Array, labels: Ints, values: Ar
         return None
     coefficients = spread * best.coefficients
     coefficients[0, 0] += mean
-    return best._replace(coefficients=coefficients, rest=spread * best.rest, functions=lines)
+    return best._replace(coefficients=coefficients, rest=spread * best.rest, functions=lines.__call__)
 
 
 def beyond_lines(

@@ -60,15 +60,14 @@ class TwoPlanes:
 
 
 def test_two_design_points_scatter_as_they_say() -> None:
-    """Errors over what is said of them, squared, over 200 seeds: as chi-square with as many degrees of freedom.
+    """Errors over what is said of them, squared, over 200 seeds: as chi-square with as many degrees of
+    freedom.
 
     Bounds are its quantiles of 0.1 and 99.9 %; 95 % intervals hold as often as a binomial number does.
     """
     limit, truth = TwoPlanes(), 1.0 - stats.norm.cdf(3.0) ** 2
-    found = [
-        chance(limit, "auto", np.random.default_rng(k), cov=0.1, level=0.95, most=10_000).found  # type: ignore
-        for k in range(200)
-    ]
+    seeds, given = map(np.random.default_rng, range(200)), {"cov": 0.1, "level": 0.95, "most": 10_000}
+    found = [chance(limit, "auto", rng, **given).found for rng in seeds]  # type: ignore[arg-type]
     ratios = np.array([(each.value / truth - 1.0) / each.cov for each in found])
     low, high = stats.chi2.ppf([1e-3, 1.0 - 1e-3], 200) / 200.0
     assert low < np.mean(ratios**2) < high
