@@ -8,7 +8,6 @@ mean over c nothing is left: Brass and Petras, Quadrature Theory, 2011). A point
 from __future__ import annotations
 
 from functools import partial
-from itertools import product
 
 import numpy as np
 
@@ -57,16 +56,20 @@ def _counts(samples: SampleResult, name: str) -> Array:
 
 
 def opening_directions(samples: SampleResult, scores: Array) -> list[tuple[float, Array]]:
-    """How far out contacts open, or close, and in which direction (L,) of the normal scores (n, L) of samples.
+    """How far out contacts open, or close if hardly one is closed, and in which direction (L,) of the normal
+    scores (n, L) of samples.
 
-    Where the force on them, or the gap of those that are open, is linear in these (FORM: Hasofer and Lind,
-    J. Eng. Mech. Div. 100, 1974). Collective.
+    Where the force on them, or their gap, is linear in these (FORM: Hasofer and Lind, J. Eng. Mech. Div. 100,
+    1974). Collective.
     """
     found = []
-    for name, of_samples in product(contacts_of(samples), (_pressed, _apart)):
-        left = samples.everywhere(name, partial(of_samples, samples, name))
-        before = left > NOTHING * np.abs(left).max(initial=0.0)
-        if np.count_nonzero(before) <= scores.shape[1] + 1:
+    for name in contacts_of(samples):
+        for of_samples in (_pressed, _apart):
+            left = samples.everywhere(name, partial(of_samples, samples, name))
+            before = left > NOTHING * np.abs(left).max(initial=0.0)
+            if np.count_nonzero(before) > scores.shape[1] + 1:
+                break
+        else:
             continue
         terms = np.column_stack([np.ones(np.count_nonzero(before)), scores[before]])
         first, *slope = np.linalg.lstsq(terms, left[before], rcond=None)[0]

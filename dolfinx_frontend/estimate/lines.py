@@ -269,9 +269,10 @@ def _rough(pieces: Sequence[_Piece], most: float) -> list[_Piece]:
             continue
         middle, scale, heights = known
         square += scale * scale
-        for each, height in zip(own, heights, strict=True):
+        last = np.abs(heights[:, -2:]).max(axis=1)
+        for each, rough in zip(own, last, strict=True):
             steep = float(np.sqrt(each.mass @ (scale**2 + (each.values - middle) ** 2)))
-            found.append((float(np.abs(height[-2:]).max()) * steep, each))
+            found.append((float(rough) * steep, each))
     return [each for off, each in found if off > most * np.sqrt(square)]
 
 
