@@ -55,7 +55,7 @@ HIGHEST = 3
 MOST_ORDER = 4
 """Highest degree of products, in which a function of one germ counts as 1."""
 
-OWN = 1e-2
+OWN = 1e-3
 """Share of a function above which it is no combination of others, and which enlarges errors of pieces."""
 
 FAR = 2.5
