@@ -221,8 +221,10 @@ def solve(
     meshes
         With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
     max_unknowns, max_seconds
-        Of a scene: the budget of its meshes, in unknowns of all parts (None: 400 000) and in seconds (None:
-        no limit). Where it ends, ``result.errors()`` says what is left.
+        Budgets: of the meshes of a scene, in unknowns of all parts (None: 400 000); with `accuracy`, in
+        seconds (None: no limit): once anything is solved it ends then as with Ctrl-C, with the best answer
+        so far.
+        ``result.errors()`` says what is left.
     comm
         Of a scene: mpi4py communicator over which its parts are spread, as for
         :func:`dolfinx_frontend.assemble`; collective. A problem has the ranks that it was assembled over.
@@ -287,8 +289,10 @@ def solve(
     assert isinstance(problem, Problem)  # a scene was refused
     if comm is not None:
         raise SceneError("solve: comm is of a scene; a problem has its ranks: assemble(scene, comm=...)")
-    if max_unknowns is not None or max_seconds is not None:
-        raise SceneError("max_unknowns and max_seconds are the budget of meshes: solve(scene, accuracy=...)")
+    if max_unknowns is not None:
+        raise SceneError("max_unknowns is the budget of meshes: solve(scene, accuracy=...)")
+    if max_seconds is not None and accuracy is None:
+        raise SceneError("max_seconds goes with an accuracy: solve(problem, accuracy=1e-3, max_seconds=...)")
     told = {"chaos": chaos, "indefinite": indefinite, "accuracy": accuracy, "quantity": quantity}
     given = {"plan": plan is None, "start": start is None, "meshes": meshes, "callback": callback is None}
     check_settings("solve", plan, method, **settings)
@@ -303,7 +307,14 @@ def solve(
                     f"accuracy = {short(accuracy)} decides on the chaos and the plan: leave {name} out"
                 )
         return solve_to_accuracy(
-            problem, accuracy, quantity, method, meshes=meshes, compared=compared, **settings
+            problem,
+            accuracy,
+            quantity,
+            method,
+            meshes=meshes,
+            compared=compared,
+            max_seconds=max_seconds,
+            **settings,
         )
     if quantity is not None:
         raise SceneError("a quantity goes with an accuracy: solve(problem, accuracy=1e-3, quantity=...)")

@@ -198,6 +198,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "points",
         "tails",
         "hinges",
+        "lines",
         "by_points",
         "by_rules",
         "adaptive",

@@ -1,4 +1,4 @@
-"""Ctrl-C that is noted instead of raised, and asked about between pieces of work.
+"""Ctrl-C that is noted instead of raised, and asked about between pieces of work; so is a budget of time.
 
 Handlers of SIGINT other than Python's own and the system's default are left alone, and so are threads other
 than the main one, in which Python handles no signals.
@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-__all__ = ["Interrupt", "Interrupted", "pressed", "stop_if_pressed"]
+__all__ = ["Interrupt", "Interrupted", "late", "pressed", "stop_if_pressed"]
 
 TWICE = 2.0
 """Seconds within which a second Ctrl-C raises, in whatever call it comes."""
@@ -24,7 +24,7 @@ _last_press = -np.inf
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in a run whose last iterate is of no use by itself."""
+    """Ctrl-C, or the end of a budget of time, in a run whose last iterate is of no use by itself."""
 
 
 class Interrupt:
@@ -48,18 +48,33 @@ class Interrupt:
 
     def __init__(self, holds: bool = True, alone: bool = True) -> None:
         self._holds, self.alone = holds, alone
+        self._until = np.inf
         self.told = self._installed = False
         self._before: Any = None
         self._outer: Interrupt | None = None
 
     @property
-    def pressed(self) -> bool:
+    def asked(self) -> bool:
         """Whether Ctrl-C was pressed."""
-        return self.told or (self._outer is not None and self._outer.pressed)
+        return self.told or (self._outer is not None and self._outer.asked)
+
+    @property
+    def late(self) -> bool:
+        """Whether a budget of time has ended."""
+        return monotonic() > self._until or (self._outer is not None and self._outer.late)
+
+    @property
+    def pressed(self) -> bool:
+        """Whether Ctrl-C was pressed, or a budget of time has ended."""
+        return self.asked or self.late
 
     def hold(self) -> None:
         """Hold Ctrl-C back from now on: there is an answer."""
         self._holds = True
+
+    def limit(self, seconds: float) -> None:
+        """A budget of time from now on, whose end is as Ctrl-C; 0: it has ended, and there is an answer."""
+        self._until = monotonic() + seconds
 
     def watch(self, callback: Callable[[Any], None] | None = None) -> Callable[[Any], None]:
         """A callback for the kernel that ends the run once Ctrl-C was pressed."""
@@ -79,16 +94,17 @@ class Interrupt:
         # gmsh.initialize() leaves the system's default, which would end the process and lose what is done
         if self._before in (_press, signal.default_int_handler, signal.SIG_DFL):
             signal.signal(signal.SIGINT, _press)
-            self._outer = _open[-1] if _open else None
-            _open.append(self)
             self._installed = True
+        self._outer = _open[-1] if _open else None
+        _open.append(self)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._installed:
+        if self in _open:
             _open.remove(self)
+        if self._installed:
             signal.signal(signal.SIGINT, self._before)
             self._installed = False
 
@@ -101,16 +117,21 @@ def _press(number: int, frame: FrameType | None) -> None:
     global _last_press
     before, _last_press = _last_press, monotonic()
     told = next((each for each in _open if each._holds), None)
-    if told is None or _open[-1].pressed or _last_press - before < TWICE:
+    if told is None or _open[-1].asked or _last_press - before < TWICE:
         signal.default_int_handler(number, frame)
     else:
         told.told = True
 
 
 def pressed() -> bool:
-    """Whether Ctrl-C was pressed in the run that this is a part of."""
+    """Whether Ctrl-C was pressed in the run that this is a part of, or its budget of time has ended."""
     main = threading.current_thread() is threading.main_thread()
     return main and bool(_open) and _open[-1].pressed
+
+
+def late() -> bool:
+    """Whether it is the budget of time that ends the run that this is a part of."""
+    return pressed() and not _open[-1].asked
 
 
 def stop_if_pressed() -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import isfinite, log
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from latin_core import Options
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, is_real
+from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, checked_number, is_real
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt, Interrupted
@@ -28,6 +28,7 @@ from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
     INTERRUPTED,
+    LATE,
     beside_what_acts,
     compared_with,
     lost_variance,
@@ -47,6 +48,7 @@ from dolfinx_frontend.estimate.errors import (
     size_of,
     sizes_of,
     whole_of,
+    why_stopped,
 )
 from dolfinx_frontend.estimate.points import (
     Witnesses,
@@ -165,6 +167,7 @@ def solve_to_accuracy(
     first: ChaosResult | None = None,
     compared: Compared | None = None,
     lost: ErrorShare | None = None,
+    max_seconds: float | None = None,
 ) -> Result | SampleResult:
     """Solve until the error of a quantity is at most `accuracy`.
 
@@ -186,6 +189,8 @@ def solve_to_accuracy(
     lost
         What the modes that random fields leave out do, relative to mean and deviation, where it was measured
         before.
+    max_seconds
+        Once anything is solved it ends then, as with Ctrl-C; None: no limit.
 
     Returns
     -------
@@ -200,6 +205,10 @@ def solve_to_accuracy(
         raise SceneError(f"accuracy = {short(accuracy)}: it must lie in 1e-10..0.5")
     check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
     checked_flag("solve", "meshes", meshes)
+    if max_seconds is not None:
+        checked_number("solve", "max_seconds", max_seconds, above=0.0)
+    began = monotonic()
+    run = Interrupt(holds=False, alone=problem.comm is None)
     what = compared_with(interest(problem.interfaces, quantity), compared)
     of_one = None if what is None else what.interface
     options = options or (Options.plain() if method == "latin" else Options())
@@ -222,12 +231,17 @@ def solve_to_accuracy(
         )
         if known is not None:
             complete(first)  # a search for meshes has something better
-        with Interrupt(alone=problem.comm is None):
+        run.hold()
+        if max_seconds is not None:
+            run.limit(max_seconds - (monotonic() - began))
+        with run:
             return _Search(first, accuracy, what, known, lost).answer(meshes)
     plan = make_plan(problem, method, kept_for(what, method, active), (), direction, options, times=times)
     result = solve_once(problem, plan, estimator=errors)
+    if max_seconds is not None:
+        run.limit(max_seconds - (monotonic() - began))
     what, notes = beside_what_acts(result, what)
-    return tight_enough(result, accuracy, what, meshes, known, notes)
+    return tight_enough(result, accuracy, what, meshes, known, notes, run)
 
 
 def kept_for(
@@ -246,13 +260,17 @@ def tight_enough(
     meshes: bool = True,
     known: ErrorShare | None = None,
     notes: tuple[str, ...] = (),
+    run: Interrupt | None = None,
 ) -> Result:
-    """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`."""
+    """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`. `run`:
+    what holds Ctrl-C back; None: nothing yet."""
     of_meshes = known
     made = as_solved(result, quantity)
     if meshes and known is None:
         of_meshes = NOT_YET
-    with Interrupt(alone=result.problem.comm is None):
+    run = run or Interrupt(alone=result.problem.comm is None)
+    run.hold()
+    with run:
         try:
             complete(result)
             if meshes and known is None:
@@ -267,7 +285,7 @@ def tight_enough(
                 result, made = tighter, as_solved(tighter, quantity)
                 made = _settled(result, quantity)
         except Interrupted:
-            notes += (INTERRUPTED,)
+            notes += (why_stopped(),)
     return with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
 
 
@@ -329,11 +347,12 @@ def with_errors(
         )
     if made.in_all > accuracy:
         notes += (f"the accuracy was not reached: {shown_error(made.in_all)} is left",)
-    if halving is not None and INTERRUPTED not in notes:
+    if halving is not None and not {INTERRUPTED, LATE} & set(notes):
         made = replace(made, next_halving=halving(made))
     for note in notes if result.problem.rank == 0 else ():
         _log.warning("%s", note)
-    return result.with_notes(found=replace(made, notes=(*lost_variance(result), *notes)))
+    of_fields: tuple[str, ...] = lost_variance(result, made.field is not None)
+    return result.with_notes(found=replace(made, notes=(*of_fields, *notes)))
 
 
 class _Search:
@@ -386,7 +405,7 @@ class _Search:
         try:
             return self._answer(unmeasured)
         except Interrupted:
-            self.notes += (INTERRUPTED,)
+            self.notes += (why_stopped(),)
             return self.so_far()
 
     def so_far(self) -> ChaosResult | SampleResult:
@@ -763,7 +782,7 @@ def of_each(chaos: ChaosResult, target: float, spread: float, loosest: float = L
 def so_far(chaos: ChaosResult, accuracy: float, quantity: Wanted | None, known: ErrorShare) -> ChaosResult:
     """A chaos that nothing has measured yet, as an answer; `known`: the error of its meshes."""
     search = _Search(chaos, accuracy, quantity, known)
-    search.notes = (INTERRUPTED,)
+    search.notes = (why_stopped(),)
     found = search.so_far()
     assert isinstance(found, ChaosResult)
     return found

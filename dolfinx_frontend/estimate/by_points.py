@@ -22,8 +22,10 @@ from dolfinx_frontend.estimate.errors import (
 )
 from dolfinx_frontend.estimate.hinges import Hinged, hinged, sides_of
 from dolfinx_frontend.estimate.kinks import contacts_of
+from dolfinx_frontend.estimate.lines import Lines, beyond_lines, cost_of_lines, fitted, lines_of
 from dolfinx_frontend.estimate.points import (
     FIRST_PANELS,
+    MOST_LINES,
     POINTS,
     SAFE,
     SETS,
@@ -50,7 +52,6 @@ from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.resultant import Quantile, Resultant, Wanted
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["by_panels", "by_samples", "of_solved_again"]
@@ -109,6 +110,12 @@ PER_SAMPLE = 128
 
 OF_INTEGRAL = 0.2
 """Error of that, relative to the target."""
+
+AGREED = 10.0
+"""Standard errors of the mean of the sets that it may be off an exact expectation: skewed, by so few sets."""
+
+AT_REST = 5.0
+"""Deviations off the mean from which on weights of points of lines, which are right, hardly change."""
 
 FEWER = 8
 """How many times fewer tell by what fits that have not seen a set differ from the one that has."""
@@ -341,6 +348,8 @@ class _Samples:
         self.labels: Ints = np.zeros(0, dtype=np.int64)
         self.each = 0
         self._known: dict[Any, tuple[Array, Array]] = {}
+        self.lines: Lines | None = None
+        self.looked_along = False
 
     def grow(self, each: int) -> SampleResult:
         """Solve what sets of this size have more."""
@@ -366,6 +375,21 @@ class _Samples:
         self.rtol, self.samples, self.names, self.values = rtol, None, [], np.zeros(0)
         self.grow(self.each)
 
+    def look_along(self, more: float, target: float, tails: Sequence[Tail]) -> bool:
+        """Whether points along each germ were solved: of linear laws, once, if they are fewer than so many.
+        """
+        possible = not self.result.collocations and 1 < self.space.dimension <= MOST_LINES
+        if self.looked_along or not possible or isinstance(self.quantity, Quantile):
+            return False
+        if cost_of_lines(self.space) > more:
+            return False
+        self.looked_along = True
+        spread = self._spread()
+        size = size_of(MeanStd(float(self.drawn @ self.values), spread), self.quantity)
+        target *= min(share_of(size, spread), 1.0)  # of the deviation, also where the mean is less
+        self.lines = lines_of(self.result, self.quantity, target, self.rtol, tails, complete)
+        return self.lines is not None
+
     def so_far(self, said: _Sampled, whole: float) -> tuple[SampleResult, Errors]:
         """The points with their weights, and what is known of their errors."""
         samples = self.weighted(said)
@@ -388,11 +412,26 @@ class _Samples:
         sides = None if self.smooth else sides_of(self.samples)
         # what is seldom is fitted for more than it weighs: the fit is asked far out, too
         weights = np.sqrt(self.drawn)
-        found = hinged(self.space, germs, weights / weights.sum(), self.labels, self.values, sides)
+        weights /= weights.sum()
+        found = hinged(self.space, germs, weights, self.labels, self.values, sides)
+        if self.lines is not None:
+            along = fitted(self.lines, germs, weights, self.labels, self.values)
+            if along is not None and not self._confirmed(along):
+                self.lines = along = None
+            if found is None or (along is not None and along.rest < found.rest):
+                found = along
         if found is None:
             return None
         rest = float(np.sqrt(self.drawn @ (self.values - self._unseen(found)) ** 2))
         return found._replace(rest=rest) if rest < WORTH * self._spread() else None
+
+    def _confirmed(self, fit: Hinged) -> bool:
+        """Whether samples agree with the expectation of a sum of functions of each germ, which is exact."""
+        assert self.samples is not None
+        values = fit(self.space, self.samples.germs)[:, -1]
+        own = [SETS * self.drawn[self.labels == k] @ values[self.labels == k] for k in range(SETS)]
+        off = abs(float(np.mean(own)) - float(fit.coefficients[0, 0, -1]))
+        return bool(off <= AGREED * float(np.std(own, ddof=1)) / np.sqrt(SETS) + fit.rest)
 
     def _unseen(self, fit: Hinged) -> Array:
         """Values of the fits that have not seen the set of a point."""
@@ -408,7 +447,8 @@ class _Samples:
         """With what stands for the quantity as exact as polynomials are: its expectation is that of many
         points, and sets that a fit has not seen tell what it lacks."""
         assert self.samples is not None
-        quantity, germs = self.quantity, self.samples.germs
+        quantity = self.quantity
+        known = germs = self.samples.germs
         about = float(self.drawn @ self.values), self._spread()
         if isinstance(quantity, Quantile):
             about = quantity.statistic(self.values, self.drawn)[0], about[1]
@@ -417,19 +457,32 @@ class _Samples:
             means, doubts = self._expected(fit, about, target)
             lacks = quantity.controls(self.values, *about) - controls
             own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
-            weights = calibrated(self.space, germs, self.drawn, (controls, means.mean(axis=0)), MOST_BESIDE)
-            value = MeanStd(*quantity.statistic(self.values, weights))
+            every, drawn = self.values, self.drawn
+            free: Array | None = None
+            if fit.functions is not None and self.lines is not None:
+                # what is far out counts in what is expected: points that are there must be in the answer
+                at = self.lines.samples.germs
+                of_lines = quantity.controls(fit(self.space, at)[:, -1], *about)
+                controls, germs = np.concatenate([controls, of_lines]), np.concatenate([known, at])
+                every = np.concatenate([every, self.lines.values])
+                drawn = np.concatenate([np.where(self.lines.far(known), 0.0, drawn), self.lines.weights])
+                free = np.asarray((1.0 + (controls[:, 0] / AT_REST) ** 2) ** -2.0, dtype=np.float64)
+            expected = means.mean(axis=0)
+            weights = calibrated(self.space, germs, drawn, (controls, expected), MOST_BESIDE, free)
+            value = MeanStd(*quantity.statistic(every, weights))
             if not isinstance(quantity, Quantile) or value.mean == about[0]:
                 break
             # the probability is that of being below this value: it must be the quantile itself
             about = value.mean, about[1]
         kinks = len(fit.signs)
         beside = f"a polynomial of degree {fit.order}" + (f" with {kinks} kink(s)" if kinks else "")
+        if fit.functions is not None:
+            beside = f"functions of each germ and their products of degree {fit.order}"
         how = f"{SETS} sets of {self.each} samples beside {beside}"
         if isinstance(quantity, Quantile):
             # a quantile of points is one of their values: by a whole point it is the next one
-            free = SURE * float(own.std(ddof=1)) / np.sqrt(SETS) + doubts[0]
-            of_level = free + float(np.abs(weights).max())
+            slack = SURE * float(own.std(ddof=1)) / np.sqrt(SETS) + doubts[0]
+            of_level = slack + float(np.abs(weights).max())
             levels = [min(max(quantity.level + d, 1e-12), 1.0 - 1e-12) for d in (-of_level, of_level)]
             ends = [replace(quantity, level=level).statistic(self.values, weights)[0] for level in levels]
             return _Sampled(weights, value, max(abs(end - value.mean) for end in ends), 0.0, how)
@@ -463,22 +516,20 @@ class _Samples:
 
     def _unbounded(self, fit: Hinged) -> bool:
         """Whether a fit keeps within its range at wide points: beyond, it is no polynomial."""
-        basis = self.space.basis(Chaos(order=fit.order))
         lower, upper = fit.range
-        values = (fit.of_terms(basis.evaluate(self._many(FIRST_COUNT, k)[0])) for k in range(SETS))
+        values = (fit(self.space, self._many(FIRST_COUNT, k)[0]) for k in range(SETS))
         return all(bool(np.all((lower < v) & (v < upper))) for v in values)
 
     def _integrals(self, fit: Hinged, about: tuple[float, float], count: int, which: slice) -> Array:
         """Means (SETS, fits, k) of the controls of some fits over as many sets of this many points."""
-        basis = self.space.basis(Chaos(order=fit.order))
-        parts = np.array_split(np.arange(count), max(1, count * len(basis.indices.table) // CHUNK))
+        parts = np.array_split(np.arange(count), max(1, count * fit.coefficients.shape[1] // CHUNK))
         found = []
         for seed in range(SETS):
             points, weights = self._many(count, seed)
             sums = 0.0
             for part in parts:
                 stop_if_pressed()
-                values = fit.of_terms(basis.evaluate(points[part]), which)
+                values = fit.of_terms(fit.terms(self.space, points[part]), which)
                 sums = sums + np.einsum("n,nsk->sk", weights[part], self.quantity.controls(values, *about))
             found.append(sums)
         return np.array(found)
@@ -498,13 +549,21 @@ class _Samples:
     def weighted(self, said: _Sampled) -> SampleResult:
         """The points with their weights."""
         assert self.samples is not None
-        return replace(self.samples, weights=said.weights)
+        samples = self.samples
+        if self.lines is not None and len(said.weights) > len(samples.germs):
+            samples = joined(samples, self.lines.samples)
+        return replace(samples, weights=said.weights)
 
     def checked(self, said: _Sampled, fit: Hinged | None) -> float:
         """How much points differ that are solved again, those among them that stand out."""
-        samples = self.weighted(said)
-        apart = None if fit is None else self.values - fit(self.space, samples.germs)[:, -1]
-        return checked_cold(self.result, samples, self.quantity, self.values, apart)
+        samples, values = self.weighted(said), self.values
+        far = self.lines is not None and len(said.weights) > len(values)
+        if self.lines is not None and far:
+            values = np.concatenate([values, self.lines.values])
+        apart = None if fit is None else values - fit(self.space, samples.germs)[:, -1]
+        if apart is not None and far:
+            apart[said.weights == 0.0] = 0.0
+        return checked_cold(self.result, samples, self.quantity, values, apart, tails=far)
 
     def steepest(self) -> Array:
         """Direction (L,) of the normal scores in which the quantity changes most."""
@@ -579,11 +638,14 @@ def by_samples(
     most = most or _most_samples(result)
     notes: tuple[str, ...] = ()
     drawn = _Samples(result, quantity, rtol)
-    along_germs = target < SEEN_TO  # else only where contacts open: few samples may all be closed
+    # witnesses of a chaos are solved; else at coarse ones only where contacts open: few samples may be closed
+    along_germs = target < SEEN_TO or seen is not None
     judged = not isinstance(quantity, Quantile) and (along_germs or bool(contacts_of(result)))
     far: Witnesses | None = None
     while True:
         drawn.grow(each)
+        if tails:
+            drawn.look_along(np.inf, target, tails)
         said, fit = drawn.plain(), None
         stands = far_judged = False
 
@@ -600,7 +662,7 @@ def by_samples(
         relative = np.inf if nothing else relative_of(said)
         if not nothing and (relative > 0.6 * target or judged):
             fit = drawn.fit()
-        if fit is not None and relative > 0.6 * target:
+        if fit is not None and (relative > 0.6 * target or fit.functions is not None):
             size, whole = sizes(said.value)
             about = drawn.about_to_lack(fit)
             ahead = min(share_of(about, size), share_of(about, whole))
@@ -615,6 +677,9 @@ def by_samples(
                 far = drawn.seen_far(along_germs, seen)
             off = drawn.far(far, fit, said.value)
             said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
+            if stands and fit.functions is not None and drawn.lines is not None:
+                off = beyond_lines(drawn.lines, tails, fit, far, said.value)
+                said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
             relative, far_judged = relative_of(said), stands and along_germs
         size, whole = sizes(said.value)
         total = each * SETS
@@ -649,6 +714,8 @@ def by_samples(
                     "function that adds what the quantity is to be compared with",
                 )
             break
+        if drawn.look_along((factor - 1) * total, target, tails):
+            continue
         drawn.look_far(far, fit)
         each = min(each * factor, most // SETS)
     samples = drawn.weighted(said)
@@ -656,5 +723,7 @@ def by_samples(
     seconds = sum(samples.seconds.values())
     halving = f"{2 * total} samples, about {2 * seconds:.2g} s"
     seen_by = (far.points, 1) if far is not None and far_judged else (samples.germs, TELLING)
-    made = beside_tails(replace(made, next_halving=halving), tails, result.space, *seen_by)
+    along = stands and fit is not None and fit.functions is not None and drawn.lines is not None
+    left = [tail for tail in tails if not (along and drawn.lines and tail.germ in drawn.lines.known)]
+    made = beside_tails(replace(made, next_halving=halving), left, result.space, *seen_by)
     return samples, made, notes

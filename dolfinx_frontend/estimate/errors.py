@@ -22,7 +22,7 @@ from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.interrupts import Interrupted, pressed, stop_if_pressed
+from dolfinx_frontend.common.interrupts import Interrupted, late, pressed, stop_if_pressed
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error, with_dual
 from dolfinx_frontend.estimate.unseen import walls_not_seen
 from dolfinx_frontend.plan.cost import shown
@@ -40,6 +40,7 @@ __all__ = [
     "DIGIT",
     "FINEST",
     "INTERRUPTED",
+    "LATE",
     "change_of",
     "compared_with",
     "complete",
@@ -58,6 +59,7 @@ __all__ = [
     "size_of",
     "sizes_of",
     "whole_of",
+    "why_stopped",
 ]
 
 _log = logging.getLogger(__name__)
@@ -74,6 +76,7 @@ DROPPED = 0.02
 with the square of such modes, and the prediction of a mode may be wrong by a factor of three."""
 
 INTERRUPTED = "interrupted (Ctrl-C): its errors as far as they were measured by then"
+LATE = "max_seconds has ended the search: its errors as far as they were measured by then"
 UNKNOWN = 0.3
 """Assumed decay of the modes from one degree to the next where it cannot be measured."""
 
@@ -354,16 +357,21 @@ def _errors_of_run(
             made = replace(made, algebraic=of_direct(result, made.moments), whole=None)
         made = replace(made, discretisation=error_of_meshes(result, quantity))
     except Interrupted:
-        return replace(made, notes=(*made.notes, INTERRUPTED))
+        return replace(made, notes=(*made.notes, why_stopped()))
     return replace(made, next_halving=next_halving(result, made))
 
 
-def lost_variance(result: Result | SampleResult) -> tuple[str, ...]:
-    """What the modes of random fields leave out: it is in no other error."""
+def why_stopped() -> str:
+    """The note of a search that was ended: by Ctrl-C, or by its budget of time."""
+    return LATE if late() else INTERRUPTED
+
+
+def lost_variance(result: Result | SampleResult, counted: bool = False) -> tuple[str, ...]:
+    """What the modes of random fields leave out: in no error but that of the field, where it is counted."""
     random = getattr(result, "random", None)  # a deterministic answer has none
+    told = "which the error of the field above counts" if counted else "which is in no error above"
     return tuple(
-        f"random field {name!r}: its modes lose {100.0 * share:.3g} % of its variance, which is in no error "
-        "above"
+        f"random field {name!r}: its modes lose {100.0 * share:.3g} % of its variance, {told}"
         for name, share in (random.lost if random is not None else {}).items()
     )
 

@@ -16,7 +16,7 @@ a difference (control variates with cross-fitting).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import comb
 from typing import NamedTuple
 
@@ -30,7 +30,7 @@ from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-__all__ = ["Hinged", "hinged", "sides_of"]
+__all__ = ["PER_TERM", "Hinged", "Terms", "hinged", "sides_of", "without_each"]
 
 MOST_HINGES = 3
 
@@ -77,6 +77,8 @@ class Hinged(NamedTuple):
         Least and largest value.
     rest
         Root mean square difference of the values from those of the fits that have not seen them.
+    functions
+        What they are sums of, (n, terms) of points (n, L) and a degree; None: polynomials of the germs.
     """
 
     order: int
@@ -84,10 +86,17 @@ class Hinged(NamedTuple):
     signs: Array
     range: tuple[float, float]
     rest: float
+    functions: Callable[[Array, int], Array] | None = None
 
     def __call__(self, space: RandomSpace, points: Array) -> Array:
         """Values (n, sets + 1) at points (n, L) of the germs."""
-        return self.of_terms(space.basis(Chaos(order=self.order)).evaluate(points))
+        return self.of_terms(self.terms(space, points))
+
+    def terms(self, space: RandomSpace, points: Array) -> Array:
+        """The basis (n, terms) at points (n, L) of the germs."""
+        if self.functions is not None:
+            return self.functions(points, self.order)
+        return space.basis(Chaos(order=self.order)).evaluate(points)
 
     def of_terms(self, psi: Array, which: slice = slice(None)) -> Array:
         """Values (n, sets + 1) from the basis (n, terms), or those of some sets."""
@@ -108,7 +117,7 @@ class _Fit(NamedTuple):
         return [psi @ each > 0.0 for each in self.hinges]
 
 
-class _Terms(NamedTuple):
+class Terms(NamedTuple):
     """What a degree offers at the points."""
 
     psi: Array  # (n, terms)
@@ -154,13 +163,13 @@ def _solved(gram: Array, right: Array) -> Array | None:
     return np.asarray(found) if np.all(np.isfinite(found)) else None
 
 
-def _signs(terms: _Terms, inside: Sequence[Flags], pieces: Array) -> Array:
+def _signs(terms: Terms, inside: Sequence[Flags], pieces: Array) -> Array:
     """1 where a hinge is positive on its side, -1 where it is negative there."""
     tops = [float(terms.weights[a] @ (terms.psi[a] @ p)) for a, p in zip(inside, pieces[1:], strict=True)]
     return np.where(np.array(tops) >= 0.0, 1.0, -1.0)
 
 
-def _fitted(terms: _Terms, inside: Sequence[Flags], order: int, steps: int = STEPS) -> _Fit | None:
+def _fitted(terms: Terms, inside: Sequence[Flags], order: int, steps: int = STEPS) -> _Fit | None:
     """Least squares and sides in turn; the best that was met."""
     best: _Fit | None = None
     known: set[bytes] = set()
@@ -205,7 +214,7 @@ def sides_of(samples: SampleResult) -> list[Flags]:
     return found
 
 
-def _cuts(terms: _Terms) -> list[Flags]:
+def _cuts(terms: Terms) -> list[Flags]:
     """Points on one side of planes across the direction in which the values change most."""
     line = terms.degrees <= 1
     psi = terms.psi[:, line]
@@ -219,7 +228,7 @@ def _cuts(terms: _Terms) -> list[Flags]:
     return [along > along[ranked[min(int(np.searchsorted(below, s)), len(ranked) - 1)]] for s in LEVELS]
 
 
-def _kinks(terms: _Terms, sides: Sequence[Flags]) -> list[Array]:
+def _kinks(terms: Terms, sides: Sequence[Flags]) -> list[Array]:
     """Hinges (hinges, terms): none, the best one, that and the one that helps most beside it, and so on."""
     plain = _fitted(terms, [], SEARCHED)
     out: list[Array] = [np.zeros((0, terms.psi.shape[1]))]
@@ -275,13 +284,13 @@ def hinged(
             break
         basis = space.basis(Chaos(order=order))
         degrees = np.asarray(basis.indices.table).sum(axis=1)
-        terms = _Terms(basis.evaluate(points), degrees, weights, scaled)
+        terms = Terms(basis.evaluate(points), degrees, weights, scaled)
         if not np.all(np.isfinite(terms.psi)):
             break
         if sides is None:
             ways = ways or [[]]
         elif order <= SEARCHED:
-            few = _Terms(terms.psi[:FEW], degrees, weights[:FEW] / weights[:FEW].sum(), scaled[:FEW])
+            few = Terms(terms.psi[:FEW], degrees, weights[:FEW] / weights[:FEW].sum(), scaled[:FEW])
             known = (each[:FEW] for way in ways for each in way)
             kinks = _kinks(few, [*(each[:FEW] for each in sides), *known])
             ways = [[terms.psi @ each > 0.0 for each in way] for way in kinks]
@@ -289,7 +298,7 @@ def hinged(
         for way in ways:
             fit = _fitted(terms, way, order, AGAIN)
             inside = [] if fit is None else fit.sides(terms.psi)
-            found = None if fit is None else _without_each(terms, inside, order, labels, sets, span)
+            found = None if fit is None else without_each(terms, inside, order, labels, sets, span)
             if found is None:
                 continue
             if best is None or found.rest < best.rest:
@@ -307,8 +316,8 @@ def hinged(
     return best._replace(coefficients=coefficients, range=(lower, upper), rest=spread * best.rest)
 
 
-def _without_each(
-    terms: _Terms, inside: list[Flags], order: int, labels: Ints, sets: int, span: tuple[float, float]
+def without_each(
+    terms: Terms, inside: list[Flags], order: int, labels: Ints, sets: int, span: tuple[float, float]
 ) -> Hinged | None:
     """The fits to all sets but one, with the sides of all points."""
     used = terms.used(inside, order)

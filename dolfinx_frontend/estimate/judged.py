@@ -333,6 +333,8 @@ class Judged:
         self.share = ErrorShare(energy, absolute, None, how)
         self.places = places_of(result.problem, self.meshes, self.cells)
         self._answers(result, self.share)
+        if self.max_seconds is not None:
+            self.run.limit(self.max_seconds - self._spent())
         costs = result.solver.costs
         kept = (over_ranks(result, sum(bool(each["kept"]) for each in costs)), over_ranks(result, len(costs)))
         seconds = self._spent()

@@ -56,19 +56,23 @@ def _counts(samples: SampleResult, name: str) -> Array:
 
 
 def opening_directions(samples: SampleResult, scores: Array) -> list[tuple[float, Array]]:
-    """How far out contacts open, and in which direction (L,) of the normal scores (n, L) of samples.
+    """How far out contacts open, or close if hardly one is closed, and in which direction (L,) of the normal
+    scores (n, L) of samples.
 
-    Where the force on them is linear in these (FORM: Hasofer and Lind, J. Eng. Mech. Div. 100, 1974).
-    Collective.
+    Where the force on them, or their gap, is linear in these (FORM: Hasofer and Lind, J. Eng. Mech. Div. 100,
+    1974). Collective.
     """
     found = []
     for name in contacts_of(samples):
-        pressed = samples.everywhere(name, partial(_pressed, samples, name))
-        closed = pressed > NOTHING * np.abs(pressed).max(initial=0.0)
-        if np.count_nonzero(closed) <= scores.shape[1] + 1:
+        for of_samples in (_pressed, _apart):
+            left = samples.everywhere(name, partial(of_samples, samples, name))
+            before = left > NOTHING * np.abs(left).max(initial=0.0)
+            if np.count_nonzero(before) > scores.shape[1] + 1:
+                break
+        else:
             continue
-        terms = np.column_stack([np.ones(np.count_nonzero(closed)), scores[closed]])
-        first, *slope = np.linalg.lstsq(terms, pressed[closed], rcond=None)[0]
+        terms = np.column_stack([np.ones(np.count_nonzero(before)), scores[before]])
+        first, *slope = np.linalg.lstsq(terms, left[before], rcond=None)[0]
         steepness = float(np.linalg.norm(slope))
         if first > 0.0 and steepness > NOTHING * first:
             found.append((float(first) / steepness, -np.asarray(slope) / steepness))
@@ -80,6 +84,19 @@ def _pressed(samples: SampleResult, name: str) -> Array:
     force = np.asarray(samples.force(name))
     force = force if samples.times is None else force[:, -1]
     return np.asarray(-force[..., 0] @ samples.problem.interfaces[name].weights)
+
+
+def _apart(samples: SampleResult, name: str) -> Array:
+    """Least gap of the points of a contact at the end of every sample, (n,): 0 where one is closed."""
+    found = []
+    for block in samples.blocks():
+        jump, contact = np.asarray(block.jump(name))[..., 0], block.contact(name)
+        if contact is None:
+            return np.zeros(len(samples.germs))
+        steps = jump if samples.times is not None else jump[:, None]
+        gap = (steps + np.broadcast_to(contact.clearance, steps.shape))[:, -1]
+        found.append(np.maximum(gap, 0.0).min(axis=-1))
+    return np.concatenate(found)
 
 
 def error_by_kinks(

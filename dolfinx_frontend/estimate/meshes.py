@@ -37,7 +37,7 @@ from dolfinx_frontend.estimate.adaptive import (
     with_errors,
 )
 from dolfinx_frontend.estimate.cells import cells_of
-from dolfinx_frontend.estimate.errors import FINEST, INTERRUPTED, compared_with
+from dolfinx_frontend.estimate.errors import FINEST, compared_with, why_stopped
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import MARGIN, Judged
 from dolfinx_frontend.estimate.levels import of_two_meshes
@@ -115,7 +115,8 @@ def solve_scene(
     max_unknowns
         Most unknowns of all parts; None: 400 000.
     max_seconds
-        No new mesh that would take longer in all, as far as the last ones tell; None: no limit.
+        No new mesh that would take longer in all, as far as the last ones tell, and once there is an answer
+        everything ends then, as with Ctrl-C; None: no limit.
     progress
         A line for each mesh, if on a terminal.
     compared
@@ -191,7 +192,7 @@ class _Meshes(Judged):
         known = self._of_random()
         assert known is not None
         problem = self.problem if same else None
-        notes: tuple[str, ...] = (INTERRUPTED,)
+        notes: tuple[str, ...] = (why_stopped(),)
         if self.fine is not None and self.fine.samples.problem is problem:
             made = self.fine.made
             return with_errors(self.fine.samples, made, self.accuracy, known, (*made.notes, *notes))
@@ -220,8 +221,8 @@ class _Meshes(Judged):
         if self.max_seconds is not None and spent > self.max_seconds:
             if not any(f"budget of {self.max_seconds:g} s" in note for note in self.notes):
                 self.notes.append(
-                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s, which ends the "
-                    "search for meshes only"
+                    f"it took {spent:.3g} s, more than the budget of {self.max_seconds:g} s: a mesh that "
+                    "was begun, or the first answer, ends first"
                 )
 
     def _of_points(

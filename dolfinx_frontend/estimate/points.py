@@ -182,12 +182,15 @@ def calibrated(
     weights: Array,
     controls: tuple[Array, Array] | None = None,
     most: int | None = None,
+    free: Array | None = None,
 ) -> Array:
     """Weights (n,) of sum 1 close to the given ones that integrate polynomials of low degree exactly, and
-    `controls`: functions (n, k) at the points, and their expectations (k,). `most`: highest degree."""
+    `controls`: functions (n, k) at the points, and their expectations (k,). `most`: highest degree. `free`:
+    (n,) how much a weight may change beside those of 1; None: all are alike."""
     stop_if_pressed()
     count, dimension = len(points), space.dimension
     plain = weights / weights.sum()
+    own = plain if free is None else free * plain
     if most is None:
         most = MOST_DEGREE if dimension > 1 else 2 * MOST_DEGREE
     for degree in range(most, -1 if controls is not None else 0, -1):
@@ -196,14 +199,15 @@ def calibrated(
         psi = space.basis(Chaos(order=degree)).evaluate(points)
         wanted = np.eye(1, psi.shape[1])[0]
         if controls is not None and np.all(np.isfinite(psi)):
-            psi, wanted = _with_controls(psi, wanted, plain, *controls)
+            psi, wanted = _with_controls(psi, wanted, own, *controls)
         if not np.all(np.isfinite(psi)):
             continue
-        gram = psi.T @ (plain[:, None] * psi)
+        gram = psi.T @ (own[:, None] * psi)
         values, vectors = np.linalg.eigh(gram)
         if values[0] < 1e-8 * values[-1]:
             continue
-        factor: Array = 1.0 + psi @ (vectors @ ((vectors.T @ (wanted - psi.T @ plain)) / values))
+        change: Array = psi @ (vectors @ ((vectors.T @ (wanted - psi.T @ plain)) / values))
+        factor = 1.0 + (change if free is None else free * change)
         if factor.min() > -0.5:
             return np.asarray(plain * factor, dtype=np.float64)
     return np.asarray(plain, dtype=np.float64)

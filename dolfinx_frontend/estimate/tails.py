@@ -44,6 +44,9 @@ LIKELY = 0.45
 CERTAIN = 1e-7
 """Least doubt of a power."""
 
+LEAST_OF_LAWS = 0.1
+"""Power of a random number below which a quantity is taken to have none: it may be inverse to its square."""
+
 SLOW = 0.5
 """Ratio of its changes up to which a power is carried on as a geometric series; above, three times the last
 one are doubt."""
@@ -118,12 +121,32 @@ def heavy_tails(
             if not good.any():
                 continue
             points, z = points[good], z[good, germ]
+            if not _steep(result, points, z):
+                continue
             samples = solved(result, points, np.ones(len(points)), FINE, quantity)
             complete(samples)
             tail = _grown(germ, z, points, quantity.at_end(samples, samples) - value.mean)
             if tail is not None:
                 found.append(tail)
     return found
+
+
+def _steep(result: ChaosResult, points: Array, scores: Array) -> bool:
+    """Whether a random number of the laws changes like a power far out, over the last two points (n, L).
+
+    Only then can a quantity: what a contact does that opens there looks like one, and is a kink.
+    """
+    if len(points) < 2:
+        return True
+    random = result.random
+    of_loads = [each for found in random.loads.values() for each in found]
+    least = LEAST_OF_LAWS * abs(float(np.diff(log_ndtr(-np.abs(scores[-2:])))[0]))
+    for source in dict.fromkeys([*random.sources.values(), *of_loads, *random.parts.values()]):
+        values = np.abs(result.space.values(source, points[-2:])).reshape(-1, 2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if not np.all(np.abs(np.log(values[:, 1] / values[:, 0])) < least):
+                return True
+    return False
 
 
 def _nearest(scores: Array, wanted: float) -> int | None:

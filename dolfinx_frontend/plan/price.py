@@ -59,6 +59,8 @@ _EXTRA, _EXTRA_STOCHASTIC = 10e6, 12e6
 """Bytes beside all fields, and those of modes or points."""
 _BYTES_OF_PRODUCT = 24.0
 """Bytes for a pair of modes at a point of a field."""
+_BEGINNING = 3.0
+"""Bytes of the tangents of linear laws that a solver keeps for points, over dense blocks (measured)."""
 _FIELDS = 40.0
 """Fields of the interfaces at one time, of a chaos."""
 _NEGLIGIBLE, _AFFORDABLE, _POWER = 2e8, 0.1, 1.4
@@ -187,6 +189,8 @@ def price(
     memory = _EXTRA + BYTES_OF_ENTRY * sizes.entries + 8.0 * sizes.numbers + sizes.dense
     if curved:
         memory += 16.0 * sizes.active**2 if sizes.tangent else 0.0
+    elif way.points and sizes.tangent:
+        memory += _BEGINNING * sizes.dense
     if way.modes or way.points:
         seconds += _STOCHASTIC
         memory += _EXTRA_STOCHASTIC

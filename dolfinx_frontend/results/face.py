@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +60,10 @@ DRAWS = 100_000
 """Samples of a chaos from which a quantity of interest is made."""
 
 
+_OF_QUANTITIES = ("quantile", "percentile", "probability")
+"""What a number has, and an answer has not."""
+
+
 class Face(ABC):
     """Readings, tables, fields and files of an answer: see :class:`dolfinx_frontend.results.answer.Answer`.
 
@@ -70,6 +74,16 @@ class Face(ABC):
     problem: Any
     plan: Any
     seconds: Mapping[str, float]
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name in _OF_QUANTITIES:
+                raise AttributeError(
+                    f"{type(self).__name__} has no {name!r}: it is that of a quantity; ask "
+                    "mean_std(Quantile('joint', 0.95)) or quantity('joint.pressure_max').quantile(0.95)"
+                )
+            return object.__getattribute__(self, name)  # raises, with the reason if a property failed
 
     # --- what a class of answers gives ---------------------------------------------------------
     @property
@@ -568,6 +582,8 @@ class Face(ABC):
             Of a load history, for a number of the tables.
         """
         wanted = "give a function of the fields of n samples that returns (n,) values, or 'interface.column'"
+        wanted += "; of an interface, a Resultant, a Measure or a Quantile mean_std(...) tells mean and "
+        wanted += "deviation, or the quantile: mean_std(Quantile('joint', 0.95))"
         if isinstance(function, str) and "." in function:
             name = function if name == "quantity" else name
             function = column_of(self, function, check_step(self.times, step, "quantity"))

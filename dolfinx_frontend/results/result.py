@@ -89,7 +89,7 @@ class Result(Value, Face):
                     f"{type(self).__name__} has no {name!r}: the answer is deterministic; give a law a "
                     "random value and solve with chaos=Chaos(order), or sample with monte_carlo"
                 )
-            return object.__getattribute__(self, name)  # raises, with the reason if a property failed
+            return super().__getattr__(name)
 
     @property
     def status(self) -> str:

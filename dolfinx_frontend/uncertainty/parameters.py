@@ -114,6 +114,12 @@ class RandomParameter(Operand):
         """Whether it takes every value in between, and not only observed or discrete ones."""
         return not isinstance(self._law, Atoms)
 
+    @property
+    def atoms(self) -> tuple[Array, Array] | None:
+        """Values (n,) of the germ of a discrete parameter, and probabilities (n,); None: it is continuous."""
+        law = self._law
+        return (self.to_germ(law.values), law.probabilities) if isinstance(law, Atoms) else None
+
     def value(self, germ: npt.ArrayLike) -> Array:
         """The parameter at values (N,) of its germ: (N,), exact."""
         raise NotImplementedError

@@ -189,6 +189,12 @@ class RandomSpace:
                     found[block.columns[0]] = False
         return tuple(found)
 
+    def atoms(self, germ: int) -> tuple[Array, Array] | None:
+        """Values (n,) of a discrete germ and their probabilities (n,); None: it is continuous."""
+        if self.continuous[germ]:
+            return None
+        return next(block.members[0].atoms for block in self._blocks if germ in block.columns)
+
     @property
     def dimension(self) -> int:
         """L, the number of germs."""

@@ -13,6 +13,7 @@ import dolfinx_frontend as lf
 from dolfinx_frontend.inference.densities import Mixture
 from dolfinx_frontend.inference.design import DesignPoint
 from dolfinx_frontend.inference.doubled import Predictor, Round, sampled_round
+from dolfinx_frontend.inference.reliability import chance
 from tests.inference.joints import LESS_RARE, exact, joints
 
 Array = npt.NDArray[np.float64]
@@ -44,6 +45,34 @@ def rounds(shift: float, count: int) -> list[Round]:
 
     made = [sampled_round(predictor, density, ask, rng, 80, math.inf) for _ in range(count)]
     return [each for each in made if each is not None]
+
+
+class TwoPlanes:
+    """One condition with two design points: u_1 > 3 or u_2 > 3."""
+
+    dimension, cuts, differentiable = 2, ((0,),), True
+
+    def margins(self, u: Array) -> Array:
+        return 3.0 - u.max(axis=1, keepdims=True)
+
+    def slopes(self, u: Array) -> Array:
+        return -np.eye(2)[None, int(np.argmax(u))]
+
+
+def test_two_design_points_scatter_as_they_say() -> None:
+    """Errors over what is said of them, squared, over 200 seeds: as chi-square with as many degrees of
+    freedom.
+
+    Bounds are its quantiles of 0.1 and 99.9 %; 95 % intervals hold as often as a binomial number does.
+    """
+    limit, truth = TwoPlanes(), 1.0 - stats.norm.cdf(3.0) ** 2
+    seeds, given = map(np.random.default_rng, range(200)), {"cov": 0.1, "level": 0.95, "most": 10_000}
+    found = [chance(limit, "auto", rng, **given).found for rng in seeds]  # type: ignore[arg-type]
+    ratios = np.array([(each.value / truth - 1.0) / each.cov for each in found])
+    low, high = stats.chi2.ppf([1e-3, 1.0 - 1e-3], 200) / 200.0
+    assert low < np.mean(ratios**2) < high
+    held = sum(each.low <= truth <= each.high for each in found)
+    assert held >= stats.binom.ppf(1e-3, 200, 0.95)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.2, -0.3])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
+
 import pytest
 
 from dolfinx_frontend import (
@@ -23,6 +26,8 @@ from dolfinx_frontend import (
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan import plan as planning
 from dolfinx_frontend.plan import ways as pricing
+from dolfinx_frontend.plan.price import Way, price
+from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.scene.laws import Law
 
 
@@ -42,6 +47,48 @@ def problem_of(law: Law) -> Problem:
 def problem() -> Problem:
     stiffness = LogNormal("k", mean=1e5, cov=0.3)
     return problem_of(Elastic(normal=stiffness, tangential=stiffness))
+
+
+class _Heap(ctypes.Structure):
+    """``struct mallinfo2`` of glibc."""
+
+    names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
+    _fields_ = [(name, ctypes.c_size_t) for name in names.split()]
+
+
+@pytest.mark.parametrize(("across", "layers"), [(4, 3), (5, 8)])
+def test_tangents_that_a_solver_keeps(across: int, layers: int) -> None:
+    """They are in the price of points of linear laws, within a factor of two."""
+    libc = ctypes.CDLL(None)
+    if not hasattr(libc, "mallinfo2"):
+        pytest.skip("no mallinfo2 here")
+    libc.mallinfo2.restype = _Heap
+
+    def used() -> int:
+        gc.collect()
+        heap = libc.mallinfo2()
+        return int(heap.uordblks + heap.hblkhd)
+
+    scene = Scene()
+    for k in range(layers):
+        box = geometry.box((10.0, 10.0, 2.0), (across, across, 1), (0.0, 0.0, 2.0 * k), cell="hexahedron")
+        scene.substructure(f"b{k}", box, LinearElastic(E=1e5, nu=0.3), degree=1)
+    scene.fix("b0:z0")
+    for k in range(1, layers):
+        law = Elastic(normal=LogNormal(f"k{k}", 1e4, cov=0.3), tangential=5e3)
+        scene.interface(f"j{k}", f"b{k - 1}:z1", f"b{k}:z0", law, space="facets")
+    scene.traction(f"b{layers - 1}:z1", (1.0, 0.0, 5.0))
+    problem = assemble(scene)
+    samples = quasi_monte_carlo(problem, 16, active="all", progress=False)
+    before = used()
+    samples.solver._beginning = None
+    kept = before - used()
+    plan, rows = samples.plan, samples.solver.rows
+    ways = [Way(RandomLaws.of(problem), modes=1), Way(RandomLaws.of(problem), points=1)]
+    of_chaos, of_points = (price(problem, plan.active, rows, plan.options, way).memory for way in ways)
+    fields = 40.0 * 8.0 * rows, 16.0 * rows  # of one mode, and of one point: what else differs
+    counted = of_points - of_chaos + fields[0] - fields[1]
+    assert kept > 1e6 and 0.5 * kept < counted < 2.0 * kept
 
 
 def test_ways_side_by_side(problem: Problem) -> None:

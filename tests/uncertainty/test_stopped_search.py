@@ -27,8 +27,10 @@ from dolfinx_frontend import (
     solve,
 )
 from dolfinx_frontend.common import interrupts
-from dolfinx_frontend.common.interrupts import Interrupt, Interrupted, stop_if_pressed
+from dolfinx_frontend.common.interrupts import Interrupt, Interrupted, late, pressed, stop_if_pressed
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate import adaptive, by_points, hinges, judged, points
+from dolfinx_frontend.estimate.errors import INTERRUPTED, LATE, why_stopped
 from dolfinx_frontend.results.samples import SampleResult
 
 
@@ -130,9 +132,37 @@ def test_what_is_held_back_and_when() -> None:
         stop_if_pressed()
 
 
+def test_a_budget_of_time_is_as_ctrl_c() -> None:
+    with Interrupt(holds=False) as search:
+        assert not pressed()
+        search.hold()
+        search.limit(-1.0)
+        with Interrupt() as run:
+            assert run.pressed and late() and why_stopped() == LATE and not run.told
+            with pytest.raises(Interrupted):
+                stop_if_pressed()
+            signal.raise_signal(signal.SIGINT)  # the first one: noted
+            assert run.pressed and not late() and why_stopped() == INTERRUPTED
+    interrupts._last_press = -np.inf
+    with Interrupt() as search:
+        search.limit(3600.0)
+        assert not pressed()
+
+
+def test_the_search_for_points_ends_with_its_budget(kinked: Problem) -> None:
+    """It ended that for meshes only."""
+    found = solve(kinked, accuracy=2e-3, quantity="j3", max_seconds=1e-9)
+    made = found.errors()
+    assert isinstance(found, ChaosResult) and LATE in made.notes and not made.reached
+    whole = solve(kinked, accuracy=2e-1, quantity="j3", max_seconds=3600.0).errors()
+    assert whole.reached and LATE not in whole.notes
+    with pytest.raises(SceneError, match="max_seconds goes with an accuracy"):
+        solve(kinked, max_seconds=1.0)
+
+
 STAGES: dict[str, tuple[Any, str, int, float]] = {
     "a fit of hinges": (hinges, "_fitted", 40, 2e-3),
-    "the fits without a set": (hinges, "_without_each", 2, 2e-3),
+    "the fits without a set": (hinges, "without_each", 2, 2e-3),
     "the integration over many points": (by_points, "wide_points", 30, 2e-3),
     "the weights of the sets": (by_points, "calibrated", 12, 2e-3),
     "points far out": (by_points, "far_out", 1, 2e-2),

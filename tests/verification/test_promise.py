@@ -245,6 +245,8 @@ def test_what_fields_leave_out_is_an_error(modes):
     assert 0.9 * true <= said <= 3.0 * true + 1e-4
     assert made.reached == (made.total <= 1e-3)
     assert f"{100 * result.random.sources['line', 'normal'].captured:.4g} %" in made.field.how
+    # the note said that no error had it
+    assert all("which the error of the field above counts" in note for note in made.notes if "lose" in note)
 
 
 def test_matrices_of_lognormal_fields_are_products():
