@@ -1,6 +1,7 @@
 #include "latin/common/communicator.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <thread>
@@ -42,11 +43,18 @@ class MpiLock {
 /// Wait for messages, and leave the core to others meanwhile. MPI's own waiting keeps it by default: where ranks
 /// and other programs share cores, what is waited for may itself wait for a core, a slice of time each time.
 void wait(std::span<MPI_Request> requests) {
+  constexpr auto brief = std::chrono::microseconds(200);
+  constexpr auto pause = std::chrono::microseconds(50);
+  const auto began = std::chrono::steady_clock::now();
   int done = 0;
   while (MPI_Testall(static_cast<int>(requests.size()), requests.data(), &done,
                      MPI_STATUSES_IGNORE) == MPI_SUCCESS &&
          done == 0) {
-    std::this_thread::yield();
+    if (std::chrono::steady_clock::now() - began < brief) {
+      std::this_thread::yield();
+    } else {  // a core that is only offered stays with who offers it
+      std::this_thread::sleep_for(pause);
+    }
   }
 }
 
