@@ -104,6 +104,8 @@ class Interrupt:
     ) -> None:
         if self in _open:
             _open.remove(self)
+        if self.told and self._outer is not None:  # a piece that was done just then says nothing of it
+            self._outer.told = True
         if self._installed:
             signal.signal(signal.SIGINT, self._before)
             self._installed = False

@@ -219,22 +219,22 @@ def solve_to_accuracy(
             active = [of_one]
         if not meshes and what is not None and not all(i.law.linear for i in problem.interfaces.values()):
             options = options.with_(rtol=max(options.rtol, LOOSE_FIRST))
-        first = first or solve_chaos(
-            problem,
-            Chaos(order=1, check_points=0),
-            method,
-            times=times,
-            active=active,
-            direction=direction,
-            options=options,
-            estimator=errors,
-        )
-        if known is not None:
-            complete(first)  # a search for meshes has something better
-        run.hold()
-        if max_seconds is not None:
-            run.limit(max_seconds - (monotonic() - began))
         with run:
+            first = first or solve_chaos(
+                problem,
+                Chaos(order=1, check_points=0),
+                method,
+                times=times,
+                active=active,
+                direction=direction,
+                options=options,
+                estimator=errors,
+            )
+            if known is not None:
+                complete(first)  # a search for meshes has something better
+            run.hold()
+            if max_seconds is not None:
+                run.limit(max_seconds - (monotonic() - began))
             return _Search(first, accuracy, what, known, lost).answer(meshes)
     plan = make_plan(problem, method, kept_for(what, method, active), (), direction, options, times=times)
     result = solve_once(problem, plan, estimator=errors)
@@ -517,7 +517,7 @@ class _Search:
 
     def _lost(self, quantity: Wanted) -> ErrorShare | None:
         """What the modes that random fields leave out do."""
-        if not _points_of_fields(self.result.random):
+        if not self.result.random.of_fields:
             return None
         value = self.result.mean_std(quantity)
         if self.lost is not None:

@@ -40,10 +40,12 @@ from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import SubstructureSpec
+from dolfinx_frontend.scene.values import is_random_field
 
 __all__ = ["MOST_DEGREE", "Finer", "finer"]
 
-MOST_DEGREE = 3
+MOST_DEGREE, MOST_WITH_FIELD = 3, 2
+"""Highest degree, and that of a part whose stiffness is a random field."""
 
 ORDER = 3.0
 """Power of the size that contributions are taken to fall with: less than smooth ones do, as those at corners
@@ -201,6 +203,7 @@ def finer(
         name
         for name, ratio in wanted.items()
         if name not in at_edges
+        and scene.substructures[name].degree < _most_degree(scene.substructures[name])
         and (name not in unseen or name in models)
         and _better_raised(problem.dim, scene.substructures[name].degree, cells[name], ratio)
     }
@@ -310,7 +313,7 @@ def _with_their_models(
     all, unless there are parts that need these in any case."""
     held = {models[name] for name in wanted if name in smaller and name in models}
     some = {models[name] for name in raised if name in models} - held
-    low = [n for n in wanted if scene.substructures[n].degree < MOST_DEGREE]
+    low = [n for n in wanted if scene.substructures[n].degree < _most_degree(scene.substructures[n])]
     return {name for name in low if models.get(name) in some}
 
 
@@ -464,13 +467,18 @@ def _way(spec: SubstructureSpec, raised: bool, cut: bool) -> tuple[str | None, s
     # straight cells may be off a round face, which smaller ones tell
     raised = raised and (again is None or int(coordinate_map(spec.part.mesh).degree) > 1)
     alone = tied or raised or (spec.cell not in SIMPLICES and again is None and not cut)
-    if spec.degree == 1 or (alone and spec.degree < MOST_DEGREE):
+    if spec.degree == 1 or (alone and spec.degree < _most_degree(spec)):
         return "degree", f"degree {spec.degree + 1}"
     if tied:
         return None, f"{tied}, which cannot follow it to another mesh, and its degree is {spec.degree}"
     if again is not None:
         return "cells", "meshed again"
     return "cells", "cells cut" if spec.cell in SIMPLICES else "all cells cut"
+
+
+def _most_degree(spec: SubstructureSpec) -> int:
+    varies = is_random_field(spec.with_mean_stiffness().stiffness)
+    return MOST_WITH_FIELD if varies else MOST_DEGREE
 
 
 def _meshed(spec: SubstructureSpec, ratio: Array, how: str) -> tuple[SubstructureSpec, str]:

@@ -206,6 +206,7 @@ class Judged:
         self.random = self.by_modes = False
         self.problem: Problem | None = None
         self.acting: dict[str, Any] = {}
+        self.acting_at: dict[str, float] | None = None
         self.before: Problem | None = None
         self.first: Problem | None = None
         self.of_first: ChaosResult | None = None
@@ -397,9 +398,14 @@ class Judged:
         Where all points do the same with friction that is nearly used up, there may be an edge between them:
         two meshes with different points must agree that there is none.
         """
-        zones = contact_zones(result)
-        self.points.append({n: i.num_points for n, i in result.problem.interfaces.items()})
+        zones, problem = contact_zones(result), self.problem
+        assert problem is not None
+        self.points.append({n: i.num_points for n, i in problem.interfaces.items()})
         self.edges = dict(zones.edges)
+        # where a field opens a contact it has an edge at other values of the field, if not at this one
+        for (name, _), source in RandomLaws.of(problem).sources.items():
+            if isinstance(source, DiscretisedField) and not problem.interfaces[name].law.linear:
+                self.edges.setdefault(name, problem.interfaces[name].points)
         for name, (closed, does) in zones.alike.items():
             known = self.alike.setdefault(name, [])
             count = self.points[-1][name]
@@ -447,7 +453,8 @@ class Judged:
         settings: Mapping[str, Any],
     ) -> Result:
         """The answer at the means of what is random, or where loads act."""
-        if self.acting:
+        if self.acting_at is not None:
+            self.acting = _acting(RandomLaws.of(problem), self.acting_at)
             problem = problem.with_laws(values=dict(self.acting))
         vary: Sequence[str] = ()
         linear = all(each.law.linear for each in problem.interfaces.values())
@@ -487,22 +494,21 @@ class Judged:
         columns = sorted({c for _, source in found for c in random.space.columns(source)})
         sign = np.where(np.arange(len(columns)) % 2 == 0, 1.0, -1.0)
         least, farthest = ACTS * acted(result, self.quantity), 0.0
-        chosen: dict[str, Any] = {}
+        chosen: dict[str, float] | None = None
         ones = np.ones(len(columns))
         for side in (ones, -ones, sign, -sign)[: 2 if len(columns) == 1 else 4]:
-            u = np.full((1, random.space.dimension), 0.5)
-            u[0, columns] = ndtr(side)
-            xi = random.space.from_uniform(u)
-            self.acting = values_of(random, xi)
+            names = [random.space.germ_names[column] for column in columns]
+            self.acting_at = dict(zip(names, map(float, side), strict=True))
             try:
                 there = self._at(problem, None, method, options, settings)
             except SceneError:
                 continue  # what is pulled off may move freely
             size = acted(there, self.quantity)
             if size > max(least, farthest):
-                farthest, chosen = size, self.acting
-        self.acting = chosen
-        return bool(chosen)
+                farthest, chosen = size, self.acting_at
+        self.acting_at = chosen
+        self.acting = {} if chosen is None else _acting(random, chosen)
+        return chosen is not None
 
     def _apart_from_the_means(
         self,
@@ -523,8 +529,7 @@ class Judged:
         curved = any(not each.law.linear for each in problem.interfaces.values())
         follows = self.steps and self.worst is None
         few = 0 < random.space.dimension <= FEW_GERMS
-        fields = any(isinstance(each, DiscretisedField) for each in random.sources.values())
-        if follows or self.acting or fields or not (self.random and curved and few):
+        if follows or self.acting or random.of_fields or not (self.random and curved and few):
             return 0.0
 
         def there(point: Array) -> DiscretisationError | None:
@@ -1124,6 +1129,15 @@ class Judged:
         return active
 
 
+def _acting(random: RandomLaws, scores: Mapping[str, float]) -> dict[str, Any]:
+    """Values of random loads where some germs have these normal scores, all others their medians: of fields
+    at the points of these meshes."""
+    u = np.full((1, random.space.dimension), 0.5)
+    for column, name in enumerate(random.space.germ_names):
+        u[0, column] = ndtr(scores.get(name, 0.0))
+    return values_of(random, random.space.from_uniform(u))
+
+
 def _captured(random: RandomLaws) -> dict[str, float]:
     """Field -> share of its variance in its modes."""
-    return {s.name: s.captured for s in random.sources.values() if isinstance(s, DiscretisedField)}
+    return {s.name: s.captured for s in random.of_fields}

@@ -37,7 +37,6 @@ from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.galerkin import carry_on
 from dolfinx_frontend.solvers.sampling import sample_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
 __all__ = ["CoarsePoints", "FinePoints", "coarse_points", "fine_points", "of_two_meshes"]
 
@@ -92,8 +91,7 @@ def of_two_meshes(
 
     Random fields have other modes on other meshes, and where laws are nonlinear points answer.
     """
-    fields = any(isinstance(s, DiscretisedField) for s in fine.random.sources.values())
-    if fields or coarse.collocations or fine.collocations or coarse.problem is fine.problem:
+    if fine.random.of_fields or coarse.collocations or fine.collocations or coarse.problem is fine.problem:
         return None
     if coarse.space.germ_names != fine.space.germ_names:
         return None
@@ -101,6 +99,8 @@ def of_two_meshes(
     whole = max(value.std or 0.0, quantity.compared.least)
     of_mean = share_of(known.quantity or 0.0, size_of(value, quantity))
     of_meshes = max(of_mean, share_of(known.std or 0.0, whole))
+    if not of_meshes < np.inf:
+        return None  # it is not known
     left = min(max(0.1 * of_meshes, accuracy - of_meshes), 0.5)
     found = solve_to_accuracy(
         coarse.problem, max(LESS * left, 1e-10), quantity, method, meshes=False, first=coarse, **settings
@@ -165,7 +165,7 @@ def coarse_points(
     Random fields have other modes on other meshes.
     """
     random = coarse.random
-    if any(isinstance(s, DiscretisedField) for s in random.sources.values()) or not coarse.collocations:
+    if random.of_fields or not coarse.collocations:
         return None
     found = solve_to_accuracy(
         coarse.problem,

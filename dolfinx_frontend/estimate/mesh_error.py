@@ -214,7 +214,7 @@ def discretisation_error(
             "the energy"
         )
     problem.check_alike("discretisation_error", quantity=wanted, step=step)
-    for name in walls_not_seen(problem):
+    for name in walls_not_seen(problem) if not isinstance(number, AtPoint) else ():
         raise SceneError(
             f"discretisation_error: substructure {name!r} is a wall of revolution of one linear cell across, "
             "whose stresses tell nothing of their error; give degree=2, or more cells across"

@@ -109,7 +109,8 @@ MOST_NOT_RESOLVED, UNRESOLVED, MOST_UNRESOLVED = 3.0, 2.5, 0.5
 of the variance, relative to that, and at most: layers with 8 points over two correlation lengths told 1.4
 times too little, with 32 points what they lack."""
 
-MOST_FIELD_MODES = 300
+MOST_FIELD_MODES, MOST_PART_MODES = 300, 150
+"""Modes of the whole fields at most, of interfaces and of parts, which have a point in every cell."""
 
 TAIL = np.array([2.5, 3.5, 4.5, 5.5, 6.5])
 """Normal scores of the witnesses along each germ."""
@@ -638,22 +639,29 @@ def moments_of_sets(
 def _fuller(random: RandomLaws) -> RandomLaws | None:
     """The same with all modes that the points of its fields resolve; None: there is no field."""
     wider: dict[int, DiscretisedField] = {}
+
+    def widen(source: DiscretisedField, most: int, *cell_dimension: int) -> None:
+        most = min(len(source.points), most)
+        if id(source) in wider or most <= len(source.eigenvalues):
+            return
+        try:
+            field = replace(source.field, modes=most, variance_captured=None)
+            wider[id(source)] = field.on(source.points, source.weights, *cell_dimension)
+        except SceneError:
+            return
+
     for source in random.sources.values():
-        if isinstance(source, DiscretisedField) and id(source) not in wider:
-            most = min(len(source.points), MOST_FIELD_MODES)
-            if most <= len(source.eigenvalues):
-                continue
-            try:
-                field = replace(source.field, modes=most, variance_captured=None)
-                wider[id(source)] = field.on(source.points, source.weights)
-            except SceneError:
-                continue
+        if isinstance(source, DiscretisedField):
+            widen(source, MOST_FIELD_MODES)
+    for name, of_part in random.fields.items():
+        widen(of_part, MOST_PART_MODES, random.problem.cells_of(name)[2])
     if not wider:
         return None
     sources = {key: wider.get(id(s), s) for key, s in random.sources.items()}
+    parts = {name: wider.get(id(s), s) for name, s in random.parts.items()}
     of_loads = [each for found in random.loads.values() for each in found]
-    space = RandomSpace([*sources.values(), *of_loads, *random.parts.values()])
-    return replace(random, sources=sources, space=space)
+    space = RandomSpace([*sources.values(), *of_loads, *parts.values()])
+    return replace(random, sources=sources, parts=parts, space=space)
 
 
 def lost_of_fields(
@@ -727,9 +735,7 @@ def lost_of_fields(
         pairs = len(base)  # as many again
     more = _not_resolved(result.random, full)
     of = ", ".join(
-        f"{s.name} ({100.0 * s.captured:.4g} % of its variance)"
-        for s in dict.fromkeys(result.random.sources.values())
-        if isinstance(s, DiscretisedField)
+        f"{s.name} ({100.0 * s.captured:.4g} % of its variance)" for s in result.random.of_fields
     )
     return Lost(more * (found.mean + doubts.mean), more * ((found.std or 0.0) + (doubts.std or 0.0)), of)
 
@@ -775,8 +781,8 @@ def _not_resolved(own: RandomLaws, full: RandomLaws) -> float:
     """Variance that fields have beside their modes, over what of it the points resolve: of the field with
     most."""
     most = 1.0
-    for key, source in own.sources.items():
-        wider = full.sources[key]
+    pairs = [(s, full.sources[key]) for key, s in own.sources.items()]
+    for source, wider in pairs + [(s, full.parts[name]) for name, s in own.parts.items()]:
         if isinstance(source, DiscretisedField) and isinstance(wider, DiscretisedField):
             found = wider.captured - source.captured
             if found > 0.0:

@@ -154,10 +154,15 @@ class RandomLaws:
         return {name: s for name, s in self.parts.items() if isinstance(s, DiscretisedField)}
 
     @property
+    def of_fields(self) -> list[DiscretisedField]:
+        """All random fields, of laws and parts, each once."""
+        every = dict.fromkeys((*self.sources.values(), *self.parts.values()))
+        return [s for s in every if isinstance(s, DiscretisedField)]
+
+    @property
     def lost(self) -> dict[str, float]:
         """Random fields -> the part of their variance that their modes do not hold."""
-        every = (s for s in (*self.sources.values(), *self.parts.values()) if isinstance(s, DiscretisedField))
-        return {s.name: 1.0 - s.captured for s in every}
+        return {s.name: 1.0 - s.captured for s in self.of_fields}
 
     def factors(self, part: str, points: Array, checked: bool = True) -> Array:
         """What the stiffness of a part is multiplied with at points (N, L) of the germs, (N,); of a field

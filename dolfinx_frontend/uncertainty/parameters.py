@@ -118,7 +118,7 @@ class RandomParameter(Operand):
     def atoms(self) -> tuple[Array, Array] | None:
         """Values (n,) of the germ of a discrete parameter, and probabilities (n,); None: it is continuous."""
         law = self._law
-        return (self.to_germ(law.values), law.probabilities) if isinstance(law, Atoms) else None
+        return (self.to_germ(law.values), law.probabilities.copy()) if isinstance(law, Atoms) else None
 
     def value(self, germ: npt.ArrayLike) -> Array:
         """The parameter at values (N,) of its germ: (N,), exact."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from latin_core import NumericalError
-from mpi4py import MPI
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend import (
@@ -242,8 +241,6 @@ def test_what_a_basis_does_not_have() -> None:
     problem = blocks(ELASTIC, cells=2)
     with pytest.raises(SceneError, match="'joint': its law is nonlinear, and backend 'multigrid'"):
         solve(blocks(Contact()), options=MULTIGRID)
-    with pytest.raises(SceneError, match="leave points_comm out"):
-        sweep(problem, {"joint.normal": [4e3, 5e3]}, options=MULTIGRID, points_comm=MPI.COMM_WORLD)
     found = solve(problem, options=MULTIGRID)
     with pytest.raises(SceneError, match="has a basis for one answer"):
         found.solver.response_to({})

@@ -291,3 +291,11 @@ def test_ctrl_c_before_a_point_has_begun(monkeypatch: pytest.MonkeyPatch, call: 
     pressed_in(monkeypatch, points, "sample_on", call)
     answer = solve(assemble(kinked), accuracy=1e-3, quantity="j0", meshes=False)
     assert not answer.errors().reached
+
+
+def test_a_press_in_a_piece_that_ends_just_then_is_not_lost() -> None:
+    """Of a first solution that converges before it looks."""
+    with Interrupt(holds=False) as search:
+        with Interrupt():
+            signal.raise_signal(signal.SIGINT)
+        assert search.pressed and pressed()
