@@ -51,7 +51,9 @@ from dolfinx_frontend.estimate.errors import (
     why_stopped,
 )
 from dolfinx_frontend.estimate.points import (
+    Lost,
     Witnesses,
+    beside_fields,
     few_witnesses,
     lost_of_fields,
     misfit,
@@ -138,9 +140,6 @@ what they say count; their errors can only be added to what a rule seems to lack
 LOOSE_FIRST = 0.1
 """Tolerance of a first chaos that only says by how much about a quantity scatters."""
 
-LEAST_BESIDE_FIELDS = 0.3
-"""Share of the target that is left for the rest at least, whatever random fields leave out."""
-
 MOST_INSTEAD = 1024
 """Points at most that are tried before a chaos whose modes random fields couple."""
 
@@ -166,7 +165,7 @@ def solve_to_accuracy(
     known: ErrorShare | None = None,
     first: ChaosResult | None = None,
     compared: Compared | None = None,
-    lost: ErrorShare | None = None,
+    lost: Lost | None = None,
     max_seconds: float | None = None,
 ) -> Result | SampleResult:
     """Solve until the error of a quantity is at most `accuracy`.
@@ -187,8 +186,7 @@ def solve_to_accuracy(
     compared
         What errors are relative to; None: as the quantity says.
     lost
-        What the modes that random fields leave out do, relative to mean and deviation, where it was measured
-        before.
+        What the modes that random fields leave out do, where it was measured before.
     max_seconds
         Once anything is solved it ends then, as with Ctrl-C; None: no limit.
 
@@ -378,7 +376,7 @@ class _Search:
         accuracy: float,
         quantity: Wanted | None,
         of_meshes: ErrorShare | None = None,
-        lost: ErrorShare | None = None,
+        lost: Lost | None = None,
     ) -> None:
         self.lost = lost
         self.result = first
@@ -454,7 +452,7 @@ class _Search:
                 self.target = _visible(self.accuracy, self.of_meshes, quantity, self.result)
                 self._calibrate()  # the gain is that of what errors are relative to
             self.of_fields = self._lost(quantity)
-            self.target = self._left_by_fields(quantity)
+            self.target = beside_fields(self.target, self.lost)
             if coupled:
                 found = by_samples(self.result, quantity, self.target, self._each(), most=MOST_INSTEAD)
                 if found[1].total <= self.target:
@@ -520,24 +518,14 @@ class _Search:
         if not self.result.random.of_fields:
             return None
         value = self.result.mean_std(quantity)
-        if self.lost is not None:
-            mean = (self.lost.quantity or 0.0) * size_of(value, quantity)
-            std = (self.lost.std or 0.0) * max(value.std or 0.0, quantity.compared.least)
-            return replace(self.lost, quantity=mean, std=std)
-        lost = lost_of_fields(self.result, quantity, self._each(), value, complete, self.target)
-        if lost is None:
+        if self.lost is None:
+            each = self._each()
+            self.lost = lost_of_fields(self.result, quantity, each, value, complete, self.target)
+        if self.lost is None:
             return None
-        return ErrorShare(np.nan, lost.mean, lost.std, f"samples of all modes of {lost.of}")
-
-    def _left_by_fields(self, quantity: Wanted) -> float:
-        """Target of what is left to choose, beside what fields leave out."""
-        if self.of_fields is None:
-            return self.target
-        value = self.result.mean_std(quantity)
-        whole = max(value.std or 0.0, quantity.compared.least)
-        of_mean = share_of(self.of_fields.quantity or 0.0, size_of(value, quantity))
-        of_std = share_of(self.of_fields.std or 0.0, whole)
-        return max(self.target - float(np.fmax(of_mean, of_std)), LEAST_BESIDE_FIELDS * self.target)
+        mean = self.lost.mean * size_of(value, quantity)
+        std = self.lost.std * max(value.std or 0.0, quantity.compared.least)
+        return ErrorShare(np.nan, mean, std, f"samples of all modes of {self.lost.of}")
 
     def _spread(self) -> float:
         """What counts of the quantity beside its mean, at most 1."""

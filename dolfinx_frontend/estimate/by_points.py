@@ -376,8 +376,7 @@ class _Samples:
         self.grow(self.each)
 
     def look_along(self, more: float, target: float, tails: Sequence[Tail]) -> bool:
-        """Whether points along each germ were solved: of linear laws, once, if they are fewer than so many.
-        """
+        """Whether points along each germ were solved: of linear laws, once, if they are less than so many."""
         possible = not self.result.collocations and 1 < self.space.dimension <= MOST_LINES
         if self.looked_along or not possible or isinstance(self.quantity, Quantile):
             return False

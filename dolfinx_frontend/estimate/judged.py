@@ -48,7 +48,7 @@ from dolfinx_frontend.estimate.mesh_error import (
     with_dual,
 )
 from dolfinx_frontend.estimate.pieces import of_chords_on_ranks
-from dolfinx_frontend.estimate.points import lost_of_fields
+from dolfinx_frontend.estimate.points import Lost, beside_fields, lost_of_fields
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.estimate.zones import (
     RESOLVED,
@@ -136,9 +136,8 @@ FOLLOWS = 1.5
 LESS = 0.8
 """Share of what the meshes leave of the accuracy that is asked of points."""
 
-LEAST_BESIDE_FIELDS, LITTLE = 0.5, 0.03
-"""Share of what they may leave that the meshes keep at least, whatever random fields leave out; and the share
-of it that is little."""
+LITTLE = 0.03
+"""Share of what the meshes may leave up to which it is little that random fields leave out."""
 
 AS_MUCH = 0.05
 """Change of the variance that modes of fields leave out, relative to it, from mesh to mesh, up to which these
@@ -211,7 +210,7 @@ class Judged:
         self.first: Problem | None = None
         self.of_first: ChaosResult | None = None
         self.chaos: ChaosResult | None = None
-        self.lost: tuple[Problem, dict[str, float], ErrorShare] | None = None
+        self.lost: tuple[Problem, Lost] | None = None
         self.plain = True
         self.coarse: CoarsePoints | None = None
         self.fine: FinePoints | None = None
@@ -402,7 +401,7 @@ class Judged:
         assert problem is not None
         self.points.append({n: i.num_points for n, i in problem.interfaces.items()})
         self.edges = dict(zones.edges)
-        # where a field opens a contact it has an edge at other values of the field, if not at this one
+        # beside a field a contact has an edge at some of its values, if not at this one
         for (name, _), source in RandomLaws.of(problem).sources.items():
             if isinstance(source, DiscretisedField) and not problem.interfaces[name].law.linear:
                 self.edges.setdefault(name, problem.interfaces[name].points)
@@ -1065,36 +1064,29 @@ class Judged:
         """What the modes that random fields leave out do on a mesh is no error of it: the meshes may use what
         that leaves of the accuracy. Where it is little on the first mesh, it is not asked of others."""
         little = self.lost is not None and self.target == self.of_meshes
-        if little or not _captured(chaos.random) or self.lost_on(chaos.problem) is not None:
+        if little or not chaos.random.of_fields or self.lost_on(chaos.problem) is not None:
             return
         assert isinstance(self.quantity, Resultant)
         value = chaos.mean_std(self.quantity)
-        size = self.quantity.compared.size(value.mean, value.std)
-        whole = max(value.std or 0.0, self._least(1e-9))
-        rtol = of_each(chaos, self.accuracy, min(share_of(whole, value.mean), 1.0) or 1e-6)
+        spread = min(share_of(max(value.std or 0.0, self._least(1e-9)), value.mean), 1.0) or 1e-6
+        rtol = of_each(chaos, self.accuracy, spread)
         found = lost_of_fields(chaos, self.quantity, rtol, value, complete, self.accuracy)
-        if found is None or not isfinite(found.mean + found.std):
+        if found is None or not isfinite(found.largest):
             return
-        of_mean, of_std = share_of(found.mean, size), share_of(found.std, whole)
-        share = ErrorShare(np.nan, of_mean, of_std, f"samples of all modes of {found.of}")
-        self.lost = chaos.problem, _captured(chaos.random), share
-        of_fields = max(of_mean, of_std)
-        if of_fields > LITTLE * self.of_meshes:
-            self.target = max(self.of_meshes - of_fields, LEAST_BESIDE_FIELDS * self.of_meshes)
+        self.lost = chaos.problem, found
+        if found.largest > LITTLE * self.of_meshes:
+            self.target = beside_fields(self.of_meshes, found)
 
-    def lost_on(self, problem: Problem) -> ErrorShare | None:
-        """What the modes that random fields leave out do, relative to mean and deviation, as it was measured
-        on these meshes or on others whose modes have as much of the variance; None: it was not."""
-        if self.lost is None:
+    def lost_on(self, problem: Problem) -> Lost | None:
+        """What the modes that random fields leave out do, as it was measured on these meshes or on others
+        whose modes have as much of the variance; None: it was not."""
+        if self.lost is None or self.lost[0] is problem:
+            return None if self.lost is None else self.lost[1]
+        before, now = (RandomLaws.of(each).lost for each in (self.lost[0], problem))
+        alike = before.keys() == now.keys()
+        if not (alike and all(abs(now[name] - before[name]) <= AS_MUCH * now[name] for name in now)):
             return None
-        measured_on, before, share = self.lost
-        if measured_on is problem:
-            return share
-        now = _captured(RandomLaws.of(problem))
-        alike = now.keys() == before.keys() and all(
-            abs(now[name] - before[name]) <= AS_MUCH * (1.0 - now[name]) for name in now
-        )
-        return replace(share, how=f"{share.how}, on other meshes") if alike else None
+        return self.lost[1]._replace(of=f"{self.lost[1].of}, on other meshes")
 
     def _first_chaos(
         self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
@@ -1136,8 +1128,3 @@ def _acting(random: RandomLaws, scores: Mapping[str, float]) -> dict[str, Any]:
     for column, name in enumerate(random.space.germ_names):
         u[0, column] = ndtr(scores.get(name, 0.0))
     return values_of(random, random.space.from_uniform(u))
-
-
-def _captured(random: RandomLaws) -> dict[str, float]:
-    """Field -> share of its variance in its modes."""
-    return {s.name: s.captured for s in random.of_fields}

@@ -214,12 +214,12 @@ def discretisation_error(
             "the energy"
         )
     problem.check_alike("discretisation_error", quantity=wanted, step=step)
-    for name in walls_not_seen(problem) if not isinstance(number, AtPoint) else ():
-        raise SceneError(
-            f"discretisation_error: substructure {name!r} is a wall of revolution of one linear cell across, "
-            "whose stresses tell nothing of their error; give degree=2, or more cells across"
-        )
     at = number if isinstance(number, AtPoint) else None
+    if at is None and (blind := walls_not_seen(problem)):
+        raise SceneError(
+            f"discretisation_error: substructure {blind[0]!r} is a wall of revolution of one linear cell "
+            "across, whose stresses tell nothing of their error; give degree=2, or more cells across"
+        )
     if at is not None:
         step = check_step(result.times, at.step, "discretisation_error") if result.times is not None else -1
     with agreement(problem.comm):

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import comb
+from math import comb, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +35,7 @@ from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.sampling import sample_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
-from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
+from dolfinx_frontend.uncertainty.space import RandomSpace, latin_points, sobol_points
 
 __all__ = [
     "EXACT",
@@ -48,6 +48,7 @@ __all__ = [
     "Misfit",
     "Panel",
     "Witnesses",
+    "beside_fields",
     "calibrated",
     "checked_cold",
     "far_out",
@@ -108,6 +109,9 @@ MOST_NOT_RESOLVED, UNRESOLVED, MOST_UNRESOLVED = 3.0, 2.5, 0.5
 """How much more modes that points do not resolve are taken to do at most; and by how much more than they have
 of the variance, relative to that, and at most: layers with 8 points over two correlation lengths told 1.4
 times too little, with 32 points what they lack."""
+
+LEAST_BESIDE_FIELDS = 0.5
+"""See `beside_fields`."""
 
 MOST_FIELD_MODES, MOST_PART_MODES = 300, 150
 """Modes of the whole fields at most, of interfaces and of parts, which have a point in every cell."""
@@ -387,11 +391,16 @@ class Witnesses(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """What truncated fields lack in mean and deviation of a quantity, and which."""
+    """What truncated fields lack, relative to mean and deviation of a quantity, and which fields."""
 
     mean: float
     std: float
     of: str
+
+    @property
+    def largest(self) -> float:
+        """The larger of both."""
+        return float(np.fmax(self.mean, self.std))
 
 
 class Misfit(NamedTuple):
@@ -672,7 +681,7 @@ def lost_of_fields(
     complete: Callable[[SampleResult], None],
     target: float = 0.0,
 ) -> Lost | None:
-    """What the modes that fields leave out do to mean and deviation of a quantity, and of which fields.
+    """What the modes that fields leave out do to a quantity.
 
     Samples of the fields as they are and with all modes that their points resolve, in antithetic pairs, until
     their scatter is small beside what they tell or beside `target`, the accuracy that is asked for. Few
@@ -692,11 +701,11 @@ def lost_of_fields(
     change: Array = np.zeros((2, 0))
     size, whole = size_of(value, quantity), max(value.std or 0.0, quantity.compared.least)
     while True:
-        points = own.from_uniform(_strata(rng, pairs, own.dimension))
+        points = own.from_uniform(latin_points(own.dimension, pairs, rng))
         at = np.zeros((pairs, full.space.dimension))
         # of one side of zero, as the pairs have both: what few lost modes do goes with their squares
         sides = rng.choice([-1.0, 1.0], (pairs // SHARED, len(lost)))
-        sizes = ndtri(0.5 + 0.5 * _strata(rng, pairs // SHARED, len(lost)))
+        sizes = ndtri(0.5 + 0.5 * latin_points(len(lost), pairs // SHARED, rng))
         at[:, lost] = np.repeat(sides * sizes, SHARED, axis=0)
         other = at.copy()
         other[:, lost] *= -1.0
@@ -737,13 +746,16 @@ def lost_of_fields(
     of = ", ".join(
         f"{s.name} ({100.0 * s.captured:.4g} % of its variance)" for s in result.random.of_fields
     )
-    return Lost(more * (found.mean + doubts.mean), more * ((found.std or 0.0) + (doubts.std or 0.0)), of)
+    of_mean = share_of(found.mean + doubts.mean, size)
+    of_std = share_of((found.std or 0.0) + (doubts.std or 0.0), whole)
+    return Lost(more * of_mean, more * of_std, of)
 
 
-def _strata(rng: np.random.Generator, count: int, dimension: int) -> Array:
-    """Points (count, dimension) of the unit cube, one in each of `count` layers in every direction."""
-    layers = rng.permuted(np.tile(np.arange(count), (dimension, 1)), axis=1).T
-    return np.asarray((layers + rng.random((count, dimension))) / count)
+def beside_fields(target: float, lost: Lost | None) -> float:
+    """What fields leave of an accuracy for all other errors: `LEAST_BESIDE_FIELDS` of it at least."""
+    if lost is None or not isfinite(lost.largest):
+        return target
+    return max(target - lost.largest, LEAST_BESIDE_FIELDS * target)
 
 
 def _lost(base: Array, change: Array, size: float, std: float) -> tuple[MeanStd, MeanStd]:

@@ -299,6 +299,8 @@ def one_cell_across(mesh: dmesh.Mesh) -> bool:
 
 def walls_not_seen(problem: Problem) -> list[str]:
     """Parts that are walls of revolution of one linear cell across; collective."""
+    if not any(part.around for part in problem.parts.values()):
+        return []
     own = {
         name: True
         for name, part in problem.own.substructures.items()

@@ -16,6 +16,7 @@ from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.common.kept import kept
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.laws import Fields, Law
 from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
@@ -88,6 +89,10 @@ class RandomLaws:
             Two parameters of one name, or a random value where a law takes none.
         """
         check_is_problem("RandomLaws", problem)
+        return kept(problem, "_random_laws", lambda: cls._collected(problem))
+
+    @classmethod
+    def _collected(cls, problem: Problem) -> RandomLaws:
         sources: dict[tuple[str, str], Source] = {}
         fields: dict[tuple[str, RandomField], DiscretisedField] = {}
         dropped = []

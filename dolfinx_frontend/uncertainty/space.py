@@ -46,6 +46,15 @@ class Expansion(NamedTuple):
     indices: MultiIndexSet  # n multi-indices in the germs of the space
 
 
+def latin_points(dimension: int, count: int, generator: np.random.Generator) -> Array:
+    """Points (count, dimension) in the unit cube, one in each of `count` layers in every direction."""
+    try:
+        engine = qmc.LatinHypercube(dimension, rng=generator)
+    except TypeError:  # the name of the argument before scipy 1.15
+        engine = qmc.LatinHypercube(dimension, seed=generator)
+    return np.asarray(engine.random(count))
+
+
 def sobol_points(dimension: int, count: int, generator: np.random.Generator) -> Array:
     """Scrambled Sobol points (count, dimension) in the unit cube; count is a power of two.
 

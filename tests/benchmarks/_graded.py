@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
 
 import dolfinx.mesh as dmesh
 import numpy as np
@@ -15,7 +14,6 @@ from dolfinx_frontend.geometry.parts import Part
 from parts.vessel import BoltedVessel
 
 Array = npt.NDArray[np.float64]
-Shape = TypeVar("Shape", bound=BoltedVessel)
 
 SLOPE = 0.6
 """Size of cells over their distance from a rim."""
@@ -24,7 +22,7 @@ TIMES = 2
 """Meshes one from the other: sizes are linear in the cells of the one before."""
 
 
-def graded(shape: Shape, rims: float, largest: float) -> Shape:
+def graded(shape: BoltedVessel, rims: float, largest: float) -> BoltedVessel:
     """The parts of a model with cells of the size `rims` at the rims of its interfaces, mm, and of at most
     `largest`."""
     for _ in range(TIMES):
