@@ -34,7 +34,7 @@ from time import perf_counter
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
+sys.path.insert(0, str(ROOT / "benchmarks"))
 OUTPUT = ROOT / "build" / "output" / "tradeoff"
 
 
@@ -73,7 +73,7 @@ def check(record: Mapping[str, Any]) -> None:
 
 def main(given: Sequence[str] | None = None) -> None:
     """Measure or read, print, draw, check."""
-    import tradeoff as bench  # of tests/benchmarks, which is on the path now
+    import tradeoff as bench  # of benchmarks, which is on the path now
 
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--read", type=Path, help="record of ./run bench tradeoff --json FILE")

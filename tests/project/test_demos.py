@@ -164,7 +164,7 @@ def test_friction_needs_contact(tmp_path: Path) -> None:
 def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
     """Its record is complete, its answers are right; its times are nobody's business here."""
     file = tmp_path / "record.json"
-    run("tests/benchmarks/vessel.py", "--size", "coarse", "--repeats", "1", "--json", str(file))
+    run("benchmarks/vessel.py", "--size", "coarse", "--repeats", "1", "--json", str(file))
     record = json.loads(file.read_text())
     assert record["dof"] > 5000 and record["unit_s"] > 0.0
     assert record["unit_solver"] in ("cholmod", "mumps")
@@ -209,7 +209,7 @@ def test_benchmark_of_contact(tmp_path: Path) -> None:
     """Units of the sweep are there, and the peers agree where they are installed."""
     file = tmp_path / "record.json"
     small = ["--size", "coarse", "--sets", "2", "--cells", "2", "--checked", "2", "--repeats", "1"]
-    run("tests/benchmarks/contact.py", *small, "--sector", "16", "--json", str(file))
+    run("benchmarks/contact.py", *small, "--sector", "16", "--json", str(file))
     record = json.loads(file.read_text())
     for key in ("unit_s", "first_solve_units", "per_set_units"):
         assert record[key] > 0.0

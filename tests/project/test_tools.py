@@ -386,7 +386,7 @@ def test_environment_with_several_builds_of_petsc_is_found(tmp_path: Path) -> No
 def test_only_compat_asks_what_dolfinx_renamed() -> None:
     """These work on the oldest release and warn on the newest; Eigen 5 has no ``Eigen::all``."""
     renamed = re.compile(r"\.geometry\.(cmap|dofmap)\b|io\.gmsh(io)?\b|\bEigen::all\b")
-    folders = ("dolfinx_frontend", "latin_core", "demos", "tests/benchmarks", "tests/cpp")
+    folders = ("dolfinx_frontend", "latin_core", "demos", "benchmarks", "tests/cpp")
     files = [path for folder in folders for path in (ROOT / folder).rglob("*.[pch]*")]
     sources = [path for path in files if path.suffix in {".py", ".cpp", ".hpp"} and path.name != "compat.py"]
     assert sources

@@ -15,7 +15,7 @@ from typing import Any
 
 import dolfinx_frontend as lf
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from campaign import judge, measure, scenes  # noqa: E402
 

@@ -12,7 +12,7 @@ import pytest
 
 import dolfinx_frontend as lf
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
 from campaign import judge, pool, reference, scenes  # noqa: E402

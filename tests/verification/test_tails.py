@@ -45,7 +45,7 @@ from dolfinx_frontend.estimate.tails import Tail
 from dolfinx_frontend.solvers.sampling import sample_on
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import promise  # noqa: E402
 
