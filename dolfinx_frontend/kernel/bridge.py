@@ -26,7 +26,13 @@ from dolfinx_frontend.kernel.motions import motions_of, on_side
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan, check_reach
-from dolfinx_frontend.plan.reduction import Body, count_bodies, factorised_stiffness, reduce
+from dolfinx_frontend.plan.reduction import (
+    Body,
+    check_prescribed,
+    count_bodies,
+    factorised_stiffness,
+    reduce,
+)
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -533,6 +539,7 @@ def _check_range(strain: float) -> None:
 def _reduced(problem: Problem, plan: Plan) -> list[dict[Pattern, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
     chosen = {name for name in plan.eliminated if name in problem.interfaces}
+    check_prescribed(problem, chosen)
     found: list[dict[Pattern, Body]] = []
     for amplitude in plan.patterns:
         laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}

@@ -29,6 +29,7 @@ __all__ = [
     "Body",
     "body_load",
     "body_matrix",
+    "check_prescribed",
     "count_bodies",
     "displacements",
     "factorised_stiffness",
@@ -167,7 +168,7 @@ def _check(interface: Interface, law: Law) -> None:
 
 
 def _shifts(
-    problem: Problem, glued: list[tuple[Interface, Law]], start: dict[str, int], nodes: int
+    problem: Problem, glued: list[tuple[Interface, Law]], start: Mapping[str, int], nodes: int
 ) -> Array:
     """Offsets (nodes, d) of glued nodes from their common unknowns, that make the jumps Delta."""
     d = problem.dim
@@ -309,6 +310,53 @@ def _prolongation(classes: _Classes, own: Ints, columns: Ints) -> sp.csr_matrix:
     return sp.csr_matrix((value, (row, column)), shape=(d * len(own), int(columns[-1])))
 
 
+def _joined(
+    problem: Problem,
+    inside: Iterable[Interface],
+    laws: Mapping[str, Law],
+    start: Mapping[str, int],
+    nodes: int,
+) -> tuple[Ints, Array, _Classes]:
+    """Class of each of the nodes that interfaces glue, its offset from that class, and what supports take."""
+    glued = [(i, laws[i.name]) for i in inside if laws[i.name].elimination is Elimination.GLUED]
+    held = [(i, laws[i.name]) for i in inside if laws[i.name].elimination is Elimination.REMOVED]
+    pairs = [
+        i.matching + [start[s.substructure] for s in i.sides] for i, _ in glued if i.matching is not None
+    ]
+    label = group_labels(nodes, np.concatenate(pairs) if pairs else [])
+    shift = _shifts(problem, glued, start, nodes)
+    return label, shift, _held_classes(problem, held, start, shift, label)
+
+
+def check_prescribed(problem: Problem, eliminated: Container[str]) -> None:
+    """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept.
+
+    A kept interface prescribes what an eliminated one does: no field has both values, and forces that enforce
+    them grow without limit as an iteration goes on.
+
+    Raises
+    ------
+    SceneError
+        Names the interfaces and the difference, as :func:`reduce` does.
+    """
+    prescribing = {
+        name: i
+        for name, i in problem.interfaces.items()
+        if i.law.elimination is Elimination.REMOVED
+        or (i.law.elimination is Elimination.GLUED and i.matching is not None)
+    }
+    if all(name in eliminated for name in prescribing):
+        return  # `reduce` sees them all
+    for members in members_of_bodies(problem, prescribing):
+        inside = [i for i in prescribing.values() if i.sides[0].substructure in members]
+        counts = [len(problem.substructures[m].dof_coordinates) for m in members]
+        ends = np.cumsum([0, *counts])
+        start = {m: int(end) for m, end in zip(members, ends, strict=False)}
+        for amplitude in (None, *problem.amplitudes):
+            laws = {i.name: i.law.pattern(amplitude) for i in inside}
+            _joined(problem, inside, laws, start, sum(counts))
+
+
 def _body(
     problem: Problem,
     members: list[str],
@@ -317,27 +365,13 @@ def _body(
     amplitude: Amplitude | None,
     without: Container[LoadTerm],
 ) -> Body:
-    parts = [problem.substructures[m] for m in members]
-    counts = np.array([len(p.dof_coordinates) for p in parts])
+    counts = np.array([len(problem.substructures[m].dof_coordinates) for m in members])
     starts = np.concatenate([[0], np.cumsum(counts)])
     start = {m: int(s) for m, s in zip(members, starts, strict=False)}
-    nodes = int(starts[-1])
-
-    # glued nodes form classes
     by_way: dict[Elimination | None, list[Interface]] = {way: [] for way in Elimination}
     for i in inside:
         by_way[laws[i.name].elimination].append(i)
-    glued = [(i, laws[i.name]) for i in by_way[Elimination.GLUED]]
-    pairs = [
-        i.matching + [start[s.substructure] for s in i.sides]
-        for i, _ in glued
-        if i.matching is not None
-    ]
-    label = group_labels(nodes, np.concatenate(pairs) if pairs else [])
-    shift = _shifts(problem, glued, start, nodes)
-
-    held = [(i, laws[i.name]) for i in by_way[Elimination.REMOVED]]
-    classes = _held_classes(problem, held, start, shift, label)
+    label, shift, classes = _joined(problem, inside, laws, start, int(starts[-1]))
 
     # columns: the unknowns of a class are consecutive
     free = np.array([basis.shape[1] for basis in classes.bases])[classes.kind]

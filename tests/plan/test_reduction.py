@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+import dolfinx_frontend as lf
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.plan.reduction import body_load, body_matrix, displacements, reduce
@@ -121,3 +122,20 @@ def test_jumps_add_up_through_a_ring_of_parts():
         assert solution.u[name].reshape(-1, 2)[:, 0] == pytest.approx(0.1, abs=1e-13)
     with pytest.raises(ValueError, match="contradicts"):
         monolithic(plates(0.2))
+
+
+@pytest.mark.parametrize("active", [None, "all", ["glue"], ["ta"]])
+def test_contradicting_displacements_are_refused_whatever_is_kept(active):
+    """Two glued squares whose tops move differently: at their common corner no displacement is both."""
+    scene = Scene()
+    in_time = lf.Amplitude([0, 1, 2], [0, 0.9, -0.96])
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        square = geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0))
+        scene.substructure(name, square, LinearElastic(2e9, 0.2), degree=1)
+    scene.interface("glue", "a:x1", "b:x0", Perfect())
+    scene.interface("ground", "a:y0", lf.Elastic(normal=1.4e7, tangential=4e6))
+    scene.fix("a:y1", in_time * (-1.7e-3, -1.7e-3), name="ta")
+    scene.fix("b:y1", in_time * (-3.4e-3, -2.1e-3), name="tb")
+    problem = assemble(scene)
+    with pytest.raises(lf.SceneError, match="'ta' and 'tb' prescribe different displacements at 1 common"):
+        lf.solve(problem, times=[1.0, 2.0], active=active)
