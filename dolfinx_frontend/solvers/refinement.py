@@ -363,7 +363,8 @@ def _relative(errors: dict[str, Array], sizes: dict[str, Array], whole: Array) -
     for name, error in errors.items():
         own = sizes[name]
         against = np.where(error <= RESOLVED * own, own, np.maximum(whole, own))
-        out[name] = np.divide(error, against, out=np.zeros_like(error), where=against > 0.0)
+        # what is no number is not 0
+        out[name] = np.divide(error, against, out=np.zeros_like(error), where=~(against <= 0.0))
     return out
 
 
@@ -406,7 +407,7 @@ def _errors(
 
 
 def _largest(errors: dict[str, Array]) -> float:
-    return max((float(each.max(initial=0.0)) for each in errors.values()), default=0.0)
+    return float(np.max([each.max(initial=0.0) for each in errors.values()], initial=0.0))
 
 
 def _together(first: Blocks, second: Blocks) -> Blocks:

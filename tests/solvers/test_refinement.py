@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import dolfinx_frontend as lf
 from dolfinx_frontend import Amplitude, Elastic, LinearElastic, Perfect, Scene, assemble, geometry, solve
 from dolfinx_frontend.assembly.problem import Problem
 from latin_core import Options
@@ -144,3 +145,23 @@ def test_every_step_has_its_status():
     assert result.statuses == ("converged", "converged", "inexact")
     assert result.place == "part right, step 2" and result.error == result.step_errors.max()
     assert result.force("layer")[2, :, 0] == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered:RuntimeWarning")
+@pytest.mark.parametrize(
+    "law",
+    [lf.Elastic(normal=1e-250, tangential=1.0), lf.Elastic(normal=1.0, tangential=1.0, jump=1e308)],
+)
+def test_what_is_no_number_is_not_converged(law):
+    """Energies, the squares of what these make, are beyond double precision."""
+    scene = lf.Scene()
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        square = lf.geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0))
+        scene.substructure(name, square, lf.LinearElastic(100.0, 0.3), degree=1)
+    scene.fix("a:x0", name="wall")
+    scene.interface("layer", "a:x1", "b:x0", law)
+    scene.traction("b:x1", (1.0, 0.2), name="pull")
+    result = lf.solve(lf.assemble(scene))
+    assert result.status == "inexact"
+    assert np.isnan(result.error)
+    assert "not known" in result.ended
