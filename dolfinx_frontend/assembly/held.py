@@ -11,12 +11,12 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import fitting
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import PartSummary
-from dolfinx_frontend.assembly.rigid import Resistance, resistance
+from dolfinx_frontend.assembly.rigid import Resistance, check_resistances, resistance
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.scene.laws import Elimination, Rigid
 
-__all__ = ["axis_resistances", "held", "resistance_of"]
+__all__ = ["axis_resistances", "check_held", "held", "resistance_of"]
 
 
 def held(problem: Problem, interface: Interface, where: Flags | Array | None = None) -> Resistance:
@@ -49,6 +49,23 @@ def axis_resistances(parts: Mapping[str, PartSummary]) -> list[Resistance]:
         for name, part in parts.items()
         if part.around
     ]
+
+
+def check_held(problem: Problem) -> None:
+    """Raise if parts can move without any resistance of the laws as they are now; collective.
+
+    A scene is checked when it is assembled; this is for laws that were replaced afterwards.
+    """
+    own = {
+        name: held(problem, interface)
+        for name, interface in problem.own.interfaces.items()
+        if problem.speaks_for(name)
+    }
+    resistances = problem.gather(own)
+    check_resistances(
+        {name: (part.centre, part.length) for name, part in problem.parts.items()},
+        [*(resistances[name] for name in problem.interfaces), *axis_resistances(problem.parts)],
+    )
 
 
 def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:

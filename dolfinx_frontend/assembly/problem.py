@@ -31,7 +31,7 @@ from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict, locked
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm, Term
-from dolfinx_frontend.scene.values import is_random_field, is_uncertain
+from dolfinx_frontend.scene.values import is_plain, is_random_field, is_uncertain
 
 __all__ = ["Problem", "check_is_problem"]
 
@@ -41,6 +41,15 @@ _COVERED = 0.99
 T = TypeVar("T")
 
 
+def _may_hold_less(new: Law, old: Law, dim: int) -> bool:
+    """Whether a law may leave a motion free that the other one holds; fields may be 0 at some points."""
+    if new is old:
+        return False
+    holds = zip(new.nominal.holds(dim), old.nominal.holds(dim), strict=True)
+    plain = all(is_plain(value) or is_uncertain(value) for value in new.parameters().values())
+    return not plain or new.elimination is not old.elimination or any(b and not a for a, b in holds)
+
+
 @dataclass(frozen=True)
 class Problem(OneProcess):
     """An assembled scene.
@@ -48,6 +57,7 @@ class Problem(OneProcess):
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
     which those that touch no part of this rank have no traces here. `held` is what else holds the nodes of a
     side of an interface. `spread` has the parts whose mesh is on all ranks, see :class:`Condensed`.
+    `loosened`: laws were replaced by others that may hold less, so that parts may be free.
     """
 
     substructures: dict[str, Substructure]
@@ -56,6 +66,7 @@ class Problem(OneProcess):
     loads: dict[str, PartLoad] = field(default_factory=dict)
     held: dict[tuple[str, int], Held] = field(default_factory=dict, repr=False)
     spread: dict[str, Condensed] = field(default_factory=dict, repr=False)
+    loosened: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -504,7 +515,8 @@ class Problem(OneProcess):
         new = self.laws(laws, values if rest is None else rest)
         interfaces = {name: replace(i, law=new[name]) for name, i in self.interfaces.items()}
         loads = {n: each.with_values(here.get(n, {})) for n, each in self.loads.items()}
-        return replace(self, interfaces=interfaces, loads=loads)
+        loosened = any(_may_hold_less(new[n], i.law, self.dim) for n, i in self.interfaces.items())
+        return replace(self, interfaces=interfaces, loads=loads, loosened=self.loosened or loosened)
 
     def _with_moduli(self, values: Mapping[str, Any]) -> Problem:
         """The same with other moduli of parts: their matrices, and what comes from them, are scaled.

@@ -38,6 +38,7 @@ from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, c
 from dolfinx_frontend.results.accuracy import place_of
 from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solvers.sampling import short_steps
+from dolfinx_frontend.solvers.support import named_without_equilibrium
 from dolfinx_frontend.solvers.sweep import checkpoint_path
 from dolfinx_frontend.uncertainty.expressions import Operand
 
@@ -343,7 +344,12 @@ class ProblemFunction:
             self._end(int((solved.iterations >= 0).sum()), len(x))
         own = part_of(parameters, slice(0, len(x)))
         with agreed_over(self._ranks):
-            values = self._read(answer_of(self.problem, self.plan, self.solver, solved, own), x)
+            answer = answer_of(self.problem, self.plan, self.solver, solved, own)
+            inputs = self._inputs
+            solved = named_without_equilibrium(
+                "point", answer, own, lambda k: inputs.problem_at(x[k]), inputs.acts
+            )
+            values = self._read(answer, x)
         # of a large batch those at the end, which are neighbours of each other, would do little good
         spaced = np.linspace(0, len(x) - 1, min(len(x), self._kept)).round().astype(np.int64)
         kept_ones = np.array(

@@ -18,8 +18,15 @@ from dolfinx_frontend.plan.plan import Plan, check_keeps, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.acting import mean_number
 from dolfinx_frontend.scene.amplitudes import Varying
-from dolfinx_frontend.solvers.sampling import sampled_values
-from dolfinx_frontend.solvers.sweep import swept_parts, swept_targets, swept_term, swept_values
+from dolfinx_frontend.solvers.sampling import problem_at, sampled_values
+from dolfinx_frontend.solvers.support import acts
+from dolfinx_frontend.solvers.sweep import (
+    swept_parts,
+    swept_problem,
+    swept_targets,
+    swept_term,
+    swept_values,
+)
 from dolfinx_frontend.uncertainty.expressions import Operand
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -212,6 +219,19 @@ class Inputs:
         if self.random.every:
             found += sampled_values(self.random, plan, self.germ_points(x))
         return found
+
+    @property
+    def acts(self) -> bool:
+        """Whether what pushes on the parts differs from point to point."""
+        interfaces = {name for name, _ in (*self.direct.values(), *self.random.sources)}
+        return acts(self.problem, interfaces, self.random.loads)
+
+    def problem_at(self, x: Array) -> Problem:
+        """The problem at a point (inputs,)."""
+        random = self.random
+        now = problem_at(random, self.germ_points(x[None])[0]) if random.every else self.problem
+        given = {name: x[k] for k, name in enumerate(self.names) if name in self.direct}
+        return swept_problem(now, given) if given else now
 
     def around(self, x: Array, which: Sequence[int] | Ints, steps: Array) -> tuple[Array, Array]:
         """Neighbours (2 * which, inputs) of a point along some inputs, those above first; half their

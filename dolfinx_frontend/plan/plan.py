@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.assembly.ranks import exchanged, together
+from dolfinx_frontend.assembly.held import check_held
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -488,6 +489,8 @@ def make_plan(
         Unknown method or interface, or an interface that cannot be modelled as asked.
     """
     _check_request(problem, method, options)
+    if problem.loosened:
+        check_held(problem)
     moments = _moments_in_time(problem, times)
     varying = tuple(vary)
     factors = tuple(dict.fromkeys(scaled))

@@ -21,6 +21,7 @@ from dolfinx_frontend.plan.plan import Plan
 
 __all__ = [
     "INEXACT",
+    "NO_EQUILIBRIUM",
     "Accuracy",
     "Corrected",
     "accuracy_of_run",
@@ -41,11 +42,15 @@ ACCEPTABLE = 1e-2
 INEXACT = "inexact"
 """Status of a direct solution that rounding has left with a larger error than asked for."""
 
+NO_EQUILIBRIUM = "no_equilibrium"
+"""Status of a point of a sweep or sampling at which no forces of its interfaces balance the loads."""
+
 _REMEDIES = {
     "max_iterations": "allow more with Options(max_iterations=...)",
     "stagnated": "give another search direction, e.g. direction=0.1 or direction=10",
     "diverged": "check that every part is held where contacts slip or open",
     "interrupted": "go on from here with start=result",
+    NO_EQUILIBRIUM: "raise preload or friction, hold what moves, or leave such values out",
     INEXACT: "rounding leaves no more: make stiffnesses less different",
 }
 

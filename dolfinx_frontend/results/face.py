@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -95,7 +96,7 @@ class Face(ABC):
     @abstractmethod
     def status(self) -> str:
         """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"inexact"`` (rounding leaves more than
-        the tolerance), ``"diverged"``, ``"interrupted"``."""
+        the tolerance), ``"diverged"``, ``"no_equilibrium"`` (of points), ``"interrupted"``."""
 
     @abstractmethod
     def force(self, interface: str) -> Array:
@@ -175,6 +176,11 @@ class Face(ABC):
         """(T,) of a load history, or None."""
         times: Array | None = self.plan.times
         return times
+
+    @property
+    def unsolved(self) -> tuple[str, ...]:
+        """What a table has to say of points that did not converge, a sentence each."""
+        return ()
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -647,7 +653,8 @@ class Face(ABC):
             Of a chaos: this many random samples (None: 4096).
         """
         self.problem.check_alike("table", step=step, about=about, quantiles=quantiles)
-        return tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
+        found = tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
+        return replace(found, notes=(*found.notes, *self.unsolved))
 
     @together("bolts")
     def bolts(

@@ -217,8 +217,8 @@ class SampleResult(Value, PointResults, StochasticResult):
         return count if self.complete else f"{int(self.finished.sum())} of {count} (INTERRUPTED)"
 
     def __repr__(self) -> str:
-        lost = int(np.sum(self.statuses[self.finished] != "converged"))
-        worst = f", {lost} not converged, the worst {self.status} in {self.place}" if lost else ""
+        lost = "; ".join(self.unsolved)
+        worst = f"; {lost}; the worst in {self.place}" if lost else ""
         error = shown_error(largest_of(self.error[self.finished]))
         return (
             f"SampleResult({self.sampling}, {self._count()} points, "

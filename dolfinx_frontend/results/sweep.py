@@ -19,7 +19,7 @@ from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of
+from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM, ended, known, largest_of, place_of
 from dolfinx_frontend.results.acting import (
     STIFFNESS,
     factors_of,
@@ -39,8 +39,11 @@ from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
 
-STATUSES = ("converged", "inexact", "max_iterations", "stagnated", "diverged", "interrupted")
+STATUSES = ("converged", "inexact", "max_iterations", "stagnated", "diverged", NO_EQUILIBRIUM, "interrupted")
 """How a solution ends, from the best to the worst."""
+
+SHOWN = 10
+"""Points that a sentence names."""
 
 
 class PointResults(Face):
@@ -120,6 +123,24 @@ class PointResults(Face):
     def status(self) -> str:
         """The worst of the points, as :attr:`Result.status`; ``"interrupted"`` if one was not reached."""
         return max((str(s) or "interrupted" for s in self.points.status), key=STATUSES.index)
+
+    def contact_at(self, name: str) -> ContactValues | None:
+        """Friction and gap of a contact at all points; None: the law is no contact."""
+        return self._contact_at(name, slice(None))
+
+    @property
+    def unsolved(self) -> tuple[str, ...]:
+        """How many points ended otherwise than converged, and which, a sentence for each way."""
+        found = []
+        statuses = self.statuses.ravel()
+        for status in STATUSES[1:]:
+            which = np.flatnonzero(statuses == status)
+            if which.size:
+                more = f" and {which.size - SHOWN} more" if which.size > SHOWN else ""
+                words = "have no equilibrium" if status == NO_EQUILIBRIUM else f"ended as {status}"
+                numbers = ", ".join(map(str, which[:SHOWN]))
+                found.append(f"{which.size} of {statuses.size} points {words} (points {numbers}{more})")
+        return tuple(found)
 
     @property
     def without_displacements(self) -> str | None:

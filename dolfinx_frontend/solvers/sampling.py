@@ -50,10 +50,13 @@ from dolfinx_frontend.results.accuracy import INEXACT, ended
 from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.scene.loads import OF_STIFFNESS
+from dolfinx_frontend.solvers.support import acts, named_without_equilibrium
 from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = [
+    "problem_at",
     "sample",
     "sample_chaos",
     "sample_on",
@@ -306,7 +309,7 @@ def sample_on(
         _log.warning("%d of %d samples ended as %s", len(inexact), len(points), worst)
     if ranks is not None:
         ranks.close()
-    return SampleResult(
+    result = SampleResult(
         problem,
         plan,
         random,
@@ -319,6 +322,24 @@ def sample_on(
         solver.laws,
         estimator=estimator,
     )
+    acting = acts(problem, {name for name, _ in random.sources}, random.loads)
+
+    def at(point: int) -> Problem:
+        return problem_at(random, points[point])
+
+    return replace(result, points=named_without_equilibrium("sample", result, parameters, at, acting))
+
+
+def problem_at(random: RandomLaws, germs: Array) -> Problem:
+    """The problem at a point (L,) of the germs, with laws and loads that are no more random."""
+    loads: dict[str, Any] = {}
+    for term in random.loads:
+        if term.load != OF_STIFFNESS:  # what follows a stiffness is balanced in its part
+            value: Any = float(random.load_values(term, germs[None])[0])
+            value = value if term.amplitude is None else term.amplitude * value
+            name = f"{term.load}.{term.parameter}"
+            loads[name] = loads[name] + value if name in loads else value
+    return random.problem.with_laws(random.at(germs), loads)
 
 
 def _header(

@@ -28,27 +28,31 @@ count unless it is an interface of the scene.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
 import numpy as np
+from latin_core import SweepPoints, SweptParameter
 from scipy.optimize import lsq_linear
 
-from dolfinx_frontend.assembly.held import axis_resistances, held
+from dolfinx_frontend.assembly.held import axis_resistances, check_held, held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
-from dolfinx_frontend.common.errors import BalanceError, SceneWarning, warn
+from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
 from dolfinx_frontend.results.contact import contact_states
+from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.sweep import PointResults
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.laws.contact import CURVED
 
-__all__ = ["check_balance", "check_support"]
+__all__ = ["acts", "check_balance", "check_support", "named_without_equilibrium"]
 
 _CERTAIN = 1e-6
 """Fraction of the loads that must be out of balance for an error: more than rounding can cause."""
@@ -523,7 +527,7 @@ def check_support(result: Result) -> None:
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
     if not contacts:
         return
-    steps = _steps(result)
+    steps = _steps(problem, result.plan.times)
     checks = _checks(problem, contacts, steps)
     if not checks:
         return
@@ -563,8 +567,7 @@ _Step = tuple[str, float | None, Problem]
 """When it is in words, the time (None: there is no history), and the problem then."""
 
 
-def _steps(result: Result) -> list[_Step]:
-    problem, times = result.problem, result.plan.times
+def _steps(problem: Problem, times: Array | None) -> list[_Step]:
     if times is None:
         return [("", None, problem)]
     numbered = [(k, float(t)) for k, t in enumerate(times)]
@@ -608,8 +611,131 @@ def check_balance(result: Result) -> None:
     problem = result.problem
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
     if contacts:
-        steps = _steps(result)
+        steps = _steps(problem, result.plan.times)
         _check_balance(problem, steps, _checks(problem, contacts, steps))
+
+
+def acts(problem: Problem, interfaces: Collection[str], loads: Collection[object] = ()) -> bool:
+    """Whether laws of some interfaces, or given loads, push on the parts: the rest holds or follows."""
+    laws = [problem.interfaces[name].law.nominal for name in interfaces if name in problem.interfaces]
+    load_laws = any(type(law).load is not Law.load for law in laws)
+    return load_laws or bool(loads) or any(name in problem.loads for name in interfaces)
+
+
+def named_without_equilibrium(
+    what: str,
+    answer: PointResults,
+    parameters: Sequence[SweptParameter],
+    at: Callable[[int], Problem],
+    acting: bool,
+) -> SweepPoints:
+    """The points of an answer; those have the status ``"no_equilibrium"`` at which parts are free, or no
+    admissible forces of the interfaces balance the loads; collective.
+
+    An iteration that is asked for little may call such a point converged: what slides away has not gone far.
+
+    Parameters
+    ----------
+    what
+        A point in a message.
+    parameters
+        What differs from point to point, as the kernel has it.
+    at
+        The problem at a point.
+    acting
+        Whether what pushes on the parts differs from point to point.
+    """
+    points = answer.points
+    lost = {**_unbalanced(answer, at if acting else None), **_free_points(parameters, at)}
+    lost = {k: why for k, why in lost.items() if points.iterations[k] >= 0}
+    if not lost:
+        return points
+    longest = max(len(NO_EQUILIBRIUM), *(len(str(each)) for each in points.status))
+    status = np.array(points.status, dtype=f"<U{longest}")
+    status[list(lost)] = NO_EQUILIBRIUM
+    if answer.problem.rank == 0:
+        for k, why in sorted(lost.items()):
+            _log.warning("%s %d: %s", what, k, why)
+    return replace(points, status=status)
+
+
+def _free_points(parameters: Sequence[SweptParameter], at: Callable[[int], Problem]) -> dict[int, str]:
+    """Points at which parameters of laws are 0, so that parts can move freely -> why; collective."""
+    zeros = [_is_zero(each.pattern, each.values) for each in parameters if each.interface]
+    if not any(each.any() for each in zeros):
+        return {}
+    found: dict[int, str] = {}
+    rows = np.array(zeros).T
+    for row in np.unique(rows[rows.any(axis=1)], axis=0):
+        which = np.flatnonzero((rows == row).all(axis=1))
+        now = at(int(which[0]))
+        if now.loosened:
+            try:
+                check_held(now)
+            except SceneError as failure:
+                found |= dict.fromkeys(which.tolist(), str(failure))
+    return found
+
+
+def _is_zero(pattern: Array, values: Array) -> Flags:
+    """(N,): whether a parameter pattern (rows, k) @ values (k, N) is 0 at all points of its interface."""
+    zero: Flags = ~np.any(pattern[:1] @ values, axis=0)
+    zero[zero] = ~np.any(pattern @ values[:, zero], axis=0)
+    return zero
+
+
+def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> dict[int, str]:
+    """Points at which no admissible forces of the interfaces balance the loads -> why; collective.
+
+    Parameters
+    ----------
+    at
+        The problem at a point, where what acts differs from point to point; None: it does not.
+    """
+    problem, times = answer.problem, answer.plan.times
+    contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
+    checks = _checks(problem, contacts, _steps(problem, times)) if contacts else {}
+    if not checks:
+        return {}
+    count = len(answer.points.status)
+    own_forces, own_limits = {}, {}
+    for name in contacts:
+        if name in problem.own.interfaces and problem.speaks_for(name):
+            force = answer.force(name)
+            own_forces[name] = force.reshape(count, -1, *force.shape[-2:])
+            contact = answer.contact_at(name)
+            nothing = np.zeros((1, 1, force.shape[-2]))
+            limits = None if contact is None else contact.limits
+            own_limits[name] = (nothing, nothing) if limits is None else limits
+    forces, bounds = problem.gather(own_forces), problem.gather(own_limits)
+    loads = []
+    for point in range(count) if at is not None else ():
+        now = _steps(at(point), times)
+        loads.append({k: _loads(now[k][2], each.motions, now[k][1]) for k, each in checks.items()})
+
+    def check(point: int) -> None:
+        for k, each in sorted(checks.items()):
+            grips = {}
+            for name, grip in each.balance.grips.items():
+                friction, threshold = (
+                    of[min(point, len(of) - 1), min(k, of.shape[1] - 1)] for of in bounds[name]
+                )
+                grips[name] = replace(grip, friction=friction, threshold=threshold)
+            work, size = loads[point][k] if loads else (each.balance.work, each.balance.size)
+            when = "" if times is None else f" at t = {times[k]:g}"
+            reached = {name: of[point, k] for name, of in forces.items()}
+            _check_loads(each.motions, grips, work, size, when, reached)
+
+    def found() -> dict[int, str]:
+        lost = {}
+        for point in range(count):
+            try:
+                check(point)
+            except BalanceError as failure:
+                lost[point] = str(failure)
+        return lost
+
+    return _decide(problem, found)
 
 
 def _check_balance(

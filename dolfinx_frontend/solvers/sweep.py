@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
@@ -41,14 +42,17 @@ from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
+from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm
+from dolfinx_frontend.solvers.support import acts, named_without_equilibrium
 
 __all__ = [
     "checkpoint_path",
     "planned",
     "sweep",
     "swept_parts",
+    "swept_problem",
     "swept_targets",
     "swept_term",
     "swept_values",
@@ -315,7 +319,33 @@ def sweep(
         ranks.close()
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): read_only(values) for key, values in axes.items()}
-    return SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
+    result = SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
+    if not keep_fields:  # nothing is known of the forces
+        return result
+    flat = _flat(axes)
+
+    def at(point: int) -> Problem:
+        return swept_problem(problem, {name: v[point] for key, v in flat.items() for name in key})
+
+    acting = acts(problem, {name.rpartition(".")[0] for key in axes for name in key})
+    return replace(result, points=named_without_equilibrium("sweep point", result, parameters, at, acting))
+
+
+def swept_problem(problem: Problem, values: Mapping[str, float]) -> Problem:
+    """The problem with other numbers; those that change in time keep their amplitudes."""
+    known = {**problem.law_parameters, **problem.load_parameters}
+    given: dict[str, Any] = {}
+    for name, value in values.items():
+        old = known.get(name)
+        amplitude = old.terms[0][0] if isinstance(old, Varying) else None
+        given[name] = float(value) if amplitude is None else amplitude * float(value)
+    return problem.with_laws(values=given)
+
+
+def _flat(axes: Mapping[tuple[str, ...], Array]) -> dict[tuple[str, ...], Array]:
+    """Values (N,) of the axes at all points of their grid."""
+    mesh = np.meshgrid(*axes.values(), indexing="ij")
+    return {key: values.ravel() for key, values in zip(axes, mesh, strict=True)}
 
 
 def planned(
@@ -338,9 +368,7 @@ def planned(
         loads = [swept_term(problem, *each) for each in targets.values() if each[0] in problem.loads]
         plan = make_plan(problem, method, vary=swept, loads=loads, scaled=parts.values(), **settings)
     with agreement(problem.comm):
-        mesh = np.meshgrid(*axes.values(), indexing="ij")
-        flat = {key: values.ravel() for key, values in zip(axes, mesh, strict=True)}
-        parameters = swept_values(problem, plan, flat, targets)
+        parameters = swept_values(problem, plan, _flat(axes), targets)
     return plan, axes, parameters
 
 

@@ -10,6 +10,7 @@ import pytest
 from latin_core import Options
 from scipy.optimize import linprog
 
+import dolfinx_frontend as lf
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
@@ -259,3 +260,79 @@ def test_a_place_that_only_friction_that_is_used_up_holds_is_one_of_many():
         warnings.simplefilter("error")
         solve(between_plates(0.5, 0.02), times=[1.0, 2.0])
         solve(between_plates(0.3, 0.004), times=[1.0, 2.0])
+
+
+def square_pair(law: Any, pull: tuple[float, float]) -> Problem:
+    """Two unit squares side by side, the left one held at its outer edge, the right one pulled at its."""
+    scene = Scene()
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        square = geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0))
+        scene.substructure(name, square, LinearElastic(100.0, 0.3), degree=1)
+    scene.fix("a:x0", name="wall")
+    scene.traction("b:x1", pull, name="pull")
+    scene.interface("layer", "a:x1", "b:x0", law)
+    return assemble(scene)
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4])
+def test_samples_that_slide_away_are_named_one_by_one(rtol: float) -> None:
+    """1 pushes and 0.2 shears: what has a friction coefficient below 0.2 slides, whatever the tolerance."""
+    problem = square_pair(Contact(friction=lf.Uniform("mu", 0.1, 0.5)), (-1.0, 0.2))
+    answer = lf.monte_carlo(problem, 40, options=Options(rtol=rtol), progress=False)
+    slides = 0.3 + 0.2 * answer.germs[:, 0] < 0.2
+    assert slides.any()
+    assert ((answer.statuses == "no_equilibrium") == slides).all()
+    assert answer.status == "no_equilibrium"
+    told = f"{slides.sum()} of 40 points have no equilibrium"
+    assert told in repr(answer)
+    assert any(told in note for note in answer.table().notes)
+    force = answer.force("layer")[~slides][..., 1] @ problem.interfaces["layer"].weights
+    assert np.abs(force) == pytest.approx(0.2, rel=20.0 * rtol)
+
+
+def test_swept_loads_that_nothing_balances_are_named() -> None:
+    """With mu = 0.3 a pressure of 1 bears a shear of 0.3, and a pull nothing at all."""
+    scene = Scene()
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        square = geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0))
+        scene.substructure(name, square, LinearElastic(100.0, 0.3), degree=1)
+    scene.fix("a:x0", name="wall")
+    scene.interface("layer", "a:x1", "b:x0", Contact(friction=0.3))
+    scene.pressure("b:x1", 1.0, name="push")
+    scene.force("b:x1", (0.0, 0.2), name="shear")
+    problem = assemble(scene)
+    parameter = next(name for name in problem.law_parameters | problem.load_parameters if "push" in name)
+    grid: dict[Any, Any] = {parameter: [1.0, 0.5, -0.5]}
+    found = lf.sweep(problem, grid, options=Options(rtol=1e-3), progress=False)
+    assert found.statuses.tolist() == ["converged", "no_equilibrium", "no_equilibrium"]
+    function = problem.function("layer", [parameter], options=Options(rtol=1e-3))
+    with pytest.warns(SceneWarning, match="did not converge"):
+        values = function(np.array([[1.0], [0.5]]))
+    assert values[0, 0] == pytest.approx(-1.0, rel=1e-2)
+    assert np.isnan(values[1, 0])
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-6])
+def test_a_law_that_becomes_0_is_checked_as_a_new_one(rtol: float) -> None:
+    problem = square_pair(Elastic(normal=30.0, tangential=10.0), (1.0, 0.2))
+    options = Options(rtol=rtol)
+    with pytest.raises(SceneError, match="'b' can move freely: translation along x"):
+        solve(problem.with_laws(values={"layer.normal": 0.0}), options=options)
+    found = lf.sweep(problem, {"layer.normal": [0.0, 30.0]}, options=options, progress=False)
+    assert found.statuses.tolist() == ["no_equilibrium", "converged"]
+    function = problem.function("layer", ["layer.normal"], options=options)
+    with pytest.warns(SceneWarning, match="did not converge"):
+        values = function(np.array([[30.0], [0.0]]))
+    assert values[0, 0] == pytest.approx(1.0, rel=2.0 * rtol)
+    assert np.isnan(values[1, 0])
+    # what something else holds may become 0
+    scene = Scene()
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        square = geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0))
+        scene.substructure(name, square, LinearElastic(100.0, 0.3), degree=1)
+    scene.fix(["a:x0", "b:x1"])
+    scene.interface("layer", "a:x1", "b:x0", Elastic(normal=30.0, tangential=10.0))
+    scene.traction("b:y1", (1.0, 0.2))
+    free = lf.sweep(assemble(scene), {"layer.normal": [0.0, 30.0]}, options=options, progress=False)
+    assert free.status == "converged"
+    assert free.force("layer")[0, :, 0] == pytest.approx(0.0, abs=1e-12)
