@@ -422,17 +422,18 @@ def test_a_preload_is_locked_after_its_time() -> None:
 
 
 def test_a_preload_in_intervals() -> None:
-    """Locked at its first length, tightened, locked, and tightened again while a wall moves."""
+    """Nothing before its turn, tightened, locked, and tightened again while a wall moves."""
     law = Preload(force=Amplitude([1, 2], [1, 2]) * 300.0, during=((0.0, 1.0), (3.0, 4.0)))
     assert law.history
     assert [law.controlled(t) for t in (0.0, 0.5, 1.0 + 1e-12, 2.0, 3.0, 4.0, 5.0)] == [
-        False, True, True, False, False, True, False
+        True, True, True, False, False, True, False
     ]
+    assert [law.waits(t) for t in (0.0, 0.5, 2.0)] == [True, False, False]
     wall = Amplitude([-1, 0, 1, 2, 3, 4, 5], [1, 1, 0, 0, 1, 1, 0]) * (0.001, 0.0, 0.0)
     result = solve(blocks(law, pulled=wall), options=TIGHT, times=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
     assert result.converged
     # 0.001 mm over 40 mm are 5 MPa
-    expected = np.array([5.0, 3.0, 3.0, 8.0, 6.0, 1.0])
+    expected = np.array([0.0, 3.0, 3.0, 8.0, 6.0, 1.0])
     assert np.allclose(result.force("joint")[..., 0], expected[:, None], atol=1e-8)
     with pytest.raises(SceneError, match="until and during are given: give one"):
         Preload(force=1.0, until=1.0, during=((0.0, 1.0),))

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import dolfinx.mesh
 import numpy as np
 import pytest
 import ufl
@@ -453,6 +454,70 @@ def test_bolts_are_tightened_one_after_another_without_amplitudes() -> None:
     problem = lf.assemble(bar(lf.Preload(force=1e4, during=((1, 2),))))
     force = lf.solve(problem, times=[1, 2, 3], options=Options(rtol=1e-9)).force("bolt")[:, 0, 0] * 100
     assert force == pytest.approx([0.0, 1e4, 1e4], abs=1e-3)
+
+
+def test_bolts_carry_nothing_before_their_turn() -> None:
+    """Two bolts on a stiff plate on a bed of springs: a plate that heaves and tilts, in closed form.
+
+    Beams of the bolts bend with the plate; the forces without their bending differ by a tenth.
+    """
+    length, width, force, bed, reach = 80.0, 10.0, 10e3, 50.0, 42.0
+    bolt = lf.BoltStiffness.vdi2230(d=12, pitch=1.75, shank=25, thread=15, E=205e3)
+    places = np.array([10.0, 70.0])
+
+    def part(origin: float, height: float, top: float, face: float) -> lf.geometry.Part:
+        box = geometry.box((length, width, height), (16, 1, 1), origin=(0, 0, origin), cell="hexahedron")
+        mesh = box.mesh
+        mesh.topology.create_connectivity(2, 3)
+        facets = dolfinx.mesh.exterior_facet_indices(mesh.topology)
+        x = dolfinx.mesh.compute_midpoints(mesh, 2, facets)
+        tag = np.where(np.abs(x[:, 2] - face) < 1e-6, 3, 0)
+        for k, place in enumerate(places):
+            tag[(np.abs(x[:, 2] - top) < 1e-6) & (np.abs(x[:, 0] - place) < 5.0)] = k + 1
+        tag[np.abs(x[:, 0]) < 1e-6] = 4
+        kept = tag > 0
+        tags = dolfinx.mesh.meshtags(mesh, 2, facets[kept], tag[kept].astype(np.int32))
+        return geometry.Part(mesh, tags, {"b0": 1, "b1": 2, "g": 3, "root": 4})
+
+    scene = lf.Scene()
+    rigid = lf.LinearElastic(1e12, 0.0)
+    scene.substructure("up", part(0.0, 12.0, 12.0, 0.0), rigid, degree=1)
+    scene.substructure("base", part(-30.0, 30.0, -30.0, 0.0), rigid, degree=1)
+    scene.interface("gasket", "up:g", "base:g", lf.Elastic(normal=bed, tangential=bed))
+    scene.fix("base:root")
+    for k in (0, 1):
+        turn = lf.Preload(force, during=((float(k), k + 1.0),))
+        scene.beam(f"bolt{k}", f"base:b{k}", f"up:b{k}", bolt, turn)
+    result = lf.solve(lf.assemble(scene), times=[1.0, 2.0], options=Options(rtol=1e-9))
+
+    # heave, tilt, shift of the plate at the bed; the heads are 12 above, the beams clamped at the base
+    area = length * width
+    q = bolt.bending
+    beam = np.array([[12 * q / reach**2, -6 * q / reach], [-6 * q / reach, 4 * q]])
+    moved = np.array([[0.0, 12.0, 1.0], [0.0, 1.0, 0.0]])
+    plate = np.diag([bed * area, bed * width * length**3 / 12, bed * area]) + 2 * moved.T @ beam @ moved
+    rows = [np.array([1.0, place - length / 2, 0.0]) for place in places]
+    first = force + bolt.axial * rows[0] @ np.linalg.solve(plate, force * rows[0])
+    stiff = plate + bolt.axial * np.outer(rows[0], rows[0])
+    last = first - bolt.axial * rows[0] @ np.linalg.solve(stiff, force * rows[1] + first * rows[0])
+    found = [[result.table(step=s).value("normal", f"bolt{k}.axial") for k in (0, 1)] for s in (0, 1)]
+    right = np.array([[force, 0.0], [last, force]])
+    assert np.array(found) == pytest.approx(right, rel=1e-6, abs=1e-6 * force)
+
+
+def test_a_locked_bolt_that_pushes_is_named() -> None:
+    """Tightened by 1 kN, and then the ends are pushed together by what makes 2 kN."""
+    push = lf.Amplitude([1, 2], [0, 1])
+    stiffness = 1.0 / (40.0 / (E * 100.0))
+    scene = lf.Scene()
+    for name, x in (("left", 0.0), ("right", 20.0)):
+        box = geometry.box((20.0, 10.0, 10.0), (1, 1, 1), origin=(x, 0, 0), cell="hexahedron")
+        scene.substructure(name, box, lf.LinearElastic(E, 0.0), degree=1)
+    scene.interface("bolt", "left:x1", "right:x0", lf.Preload(1e3, until=1.0))
+    scene.fix("left:x0")
+    scene.fix("right:x1", push * (-2e3 / stiffness, 0.0, 0.0))
+    with pytest.warns(lf.SceneWarning, match="'bolt': the bolt pushes with 1000 at t = 2"):
+        lf.solve(lf.assemble(scene), times=[1.0, 2.0])
 
 
 def test_a_bolt_as_a_beam() -> None:

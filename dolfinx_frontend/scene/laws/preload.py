@@ -25,6 +25,11 @@ SAME_TIME = 1e-9
 """Times that differ by less than this share are the same."""
 
 
+def _after(time: float, moment: float) -> bool:
+    """Whether a time is later; a step that should end the tightening may miss its moment by rounding."""
+    return time > moment and not math.isclose(time, moment, rel_tol=SAME_TIME)
+
+
 @dataclass(frozen=True, repr=False)
 class Preload(Law):
     """Pretension section of a bolt: tightened, then fixed at its length; tied in the tangential directions.
@@ -32,7 +37,7 @@ class Preload(Law):
     In the time steps up to `until` the normal force is the given one; afterwards the normal jump of every
     point stays what it was, and the force follows from the structure. Without `until` the force is
     given throughout. With `during` it is given in some intervals only, as where bolts are tightened one after
-    another, and again: before the first one the section has its original length (a bolt that just fits).
+    another, and again: before the first one the section carries nothing along its normal.
 
     It is tightened by a force, by a torque, which is a force by the friction of thread and head (VDI 2230,
     F = M / (P / 2 pi + mu_thread d2 / (2 cos 30) + mu_head D / 2) with d2 = d - 0.6495 P), or by a
@@ -59,7 +64,8 @@ class Preload(Law):
     total
         False: `force` is per area.
     during
-        Intervals (start, end] of force control, in order; instead of `until`.
+        Intervals (start, end] of force control, in order; instead of `until`. Before the first one it carries
+        nothing.
     """
 
     force: Any = None
@@ -232,15 +238,14 @@ class Preload(Law):
             return False
         if time is None:
             return True
-        now = time
-
-        def after(moment: float) -> bool:
-            # a step that should end the tightening may miss its time by rounding
-            return now > moment and not math.isclose(now, moment, rel_tol=SAME_TIME)
-
         if self.during is not None:
-            return any(after(start) and not after(end) for start, end in self.during)
-        return self.until is None or not after(self.until)
+            inside = (_after(time, start) and not _after(time, end) for start, end in self.during)
+            return self.waits(time) or any(inside)
+        return self.until is None or not _after(time, self.until)
+
+    def waits(self, time: float | None) -> bool:
+        """Whether it has not been tightened yet at a time, and carries nothing."""
+        return time is not None and self.during is not None and not _after(time, self.during[0][0])
 
     @property
     def history(self) -> bool:
@@ -257,7 +262,7 @@ class Preload(Law):
 
     @property
     def may_loosen(self) -> bool:
-        return self.embedding is not None
+        return self.embedding is not None or self.history
 
     @property
     def doubt(self) -> str:
@@ -275,9 +280,10 @@ class Preload(Law):
         return self.given("force", "torque", "mu_thread", "mu_head", "shortening", "angle", "embedding")
 
     def fields(self, points: Points, time: float | None = None) -> Fields:
+        locked = -1.0 if self.waits(time) else float(not self.controlled(time))
         parameters = {
             "force": self._normal_force(points),
-            "locked": np.full((points.num_points, 1), float(not self.controlled(time))),
+            "locked": np.full((points.num_points, 1), locked),
         }
         if self.given("shortening", "angle", "embedding"):
             parameters["slack"] = np.full((points.num_points, 1), float(self._slack_of({})))
@@ -300,7 +306,8 @@ class Preload(Law):
         if not self.controlled(time):
             return None
         out = np.zeros((points.num_points, points.dim))
-        out[:, :1] = self._normal_force(points)
+        if not self.waits(time):
+            out[:, :1] = self._normal_force(points)
         return out
 
     def kernel_name(self, parameter: str) -> str:
@@ -348,4 +355,5 @@ class Preload(Law):
             return settled([self.at(t)._slack_of({}) for t in times])
         if self.until is None and self.during is None:
             return settled([self.at(t)._normal_force(points) for t in times])
-        return max((k for k, t in enumerate(times) if self.controlled(t)), default=0)
+        given = (k for k, t in enumerate(times) if self.controlled(t) and not self.waits(t))
+        return max(given, default=0)
