@@ -44,8 +44,8 @@ SHARE = 0.5
 ROUNDS = 200
 """Blocks of fields at most."""
 
-IDLE = 20
-"""Rounds that must halve the error, after as many."""
+FIRST = 20
+"""Rounds after which their rate is believed: the first ones may find little."""
 
 NEGLIGIBLE = 0.05
 """Share of the squared residual that one round may leave to later ones."""
@@ -148,13 +148,24 @@ class _Rounds:
         NumericalError
             They do not converge.
         """
-        measured = self._measured
-        idle = len(measured) > 2 * IDLE and min(measured[-IDLE:]) > 0.5 * min(measured[:-IDLE])
-        if idle or len(measured) > ROUNDS:
+        if self.expected > ROUNDS:
             raise NumericalError(
-                f"backend 'multigrid' ended at an error of {self._best:.1e}, asked {self._goal:.1e}: use "
+                f"backend 'multigrid' ended at an error of {self._best:.1e}, asked {self._goal:.1e}: after "
+                f"{len(self._measured)} rounds it falls so slowly that {ROUNDS} would not do: use "
                 "backend='cholmod', or other settings of PETSc with the prefix latin_body_"
             )
+
+    @property
+    def expected(self) -> float:
+        """Rounds after which the goal is reached, at the rate of the later half of those that were made."""
+        measured = self._measured
+        if len(measured) <= FIRST or not self._best > self._goal:
+            return len(measured)
+        half = len(measured) // 2
+        gained = np.log(min(measured[:half]) / min(measured[half:]))
+        if not gained > 0.0:
+            return float("inf")
+        return len(measured) + (len(measured) - half) * float(np.log(self._best / self._goal) / gained)
 
 
 _RECENT = 6

@@ -271,6 +271,23 @@ def test_indices_of_64_bits() -> None:
     assert apart(problem, found.displacements, exact.displacements) <= 1e-9
 
 
+@pytest.mark.parametrize(("rate", "arrives"), [(0.5, True), (0.93, True), (0.97, False), (1.0, False)])
+def test_rounds_stop_by_their_rate(rate: float, arrives: bool) -> None:
+    """From 1 to 2e-5 in 200 rounds takes a rate below 0.95; one that is slower is known by the twentieth."""
+    rounds, left, count = fitting._Rounds(2e-5), 1.0, 0
+    try:
+        while left > 2e-5:
+            left = rounds.left(rate**count)
+            rounds.go_on()
+            count += 1
+    except NumericalError:
+        assert not arrives
+        assert count == fitting.FIRST
+    else:
+        assert arrives
+        assert count <= fitting.ROUNDS
+
+
 def test_cycles_that_do_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
     """A lower level that is of no use, near incompressibility: no answer, and a way out."""
     scene = Scene()
