@@ -42,7 +42,7 @@ from latin_core import mortar as kernel
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.held_nodes import Held, held_twice
-from dolfinx_frontend.assembly.overlap import closure_nodes
+from dolfinx_frontend.assembly.overlap import closure_nodes, linear_means
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.vectors import unit_rows
 from dolfinx_frontend.scene.laws import Law
@@ -144,12 +144,8 @@ def multipliers(
     here = corners[row[found.first[pairs]]]
 
     weights: Array = np.asarray(np.bincount(corners.ravel(), found.mean[facets].ravel(), minlength=m), float)
-    size = found.whole
-    if carrier.around:  # lengths of a section, where the weights are areas of rings
-        size = size * 2.0 * np.pi * carrier.nodes[:, :, 0].max(axis=1)
-    whole = np.bincount(
-        corners.ravel(), np.repeat(size[facets] / corners.shape[1], corners.shape[1]), minlength=m
-    )
+    of_facets = linear_means(carrier)[facets]
+    whole = np.bincount(corners.ravel(), of_facets.ravel(), minlength=m)
     normals = np.zeros((m, 3))
     np.add.at(normals, corners, found.normal[facets])
     # where sheets meet back to back, the mean has no direction: that of one of them

@@ -33,6 +33,7 @@ __all__ = [
     "constant",
     "filled",
     "hats",
+    "linear_means",
     "of_one_side",
     "shape_of",
 ]
@@ -241,6 +242,14 @@ def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int
         other_normal=np.zeros((0, chis, 0, 3)),
         farthest=0.0,
     )
+
+
+def linear_means(facets: FacetMap) -> Array:
+    """(facets, vertices): integrals of the linear functions of the vertices over whole facets, of rings too."""
+    chi = hats(shape_of(facets))
+    s, w = facets.rule(chi.degree + 2 * (facets.order - 1) + facets.dim - 2 + facets.around)
+    values = mortar.monomials(shape_of(facets), chi.degree, s) @ chi.coefficients[0].T
+    return np.asarray((w * facets.alike_surface(s)[1]) @ values, dtype=np.float64)
 
 
 def filled(found: mortar.Overlap) -> mortar.Overlap:

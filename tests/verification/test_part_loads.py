@@ -766,3 +766,34 @@ def test_vectors_have_the_components_of_the_space(call: str) -> None:
     }
     with pytest.raises(lf.SceneError, match="give 3"):
         calls[call]()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    "profile", [lambda r: r**2 / 100 - 0.02, lambda r: 0.02 * r - 0.02, lambda r: 0.0 * r - 0.02],
+    ids=["ball", "cone", "plate"],
+)
+def test_an_axisymmetric_block_under_a_rigid_punch(profile: Any, degree: int) -> None:
+    """One-sided contact that reaches the axis gives what a punch of a thousand times the stiffness gives."""
+    forces = []
+    for two in (False, True):
+        scene = lf.Scene(axisymmetric=True)
+        block = geometry.box((20, 20), (50, 25))
+        scene.substructure("block", block, lf.LinearElastic(1000.0, NU), degree=degree)
+        scene.fix("block:y0")
+        contact = lf.Contact(gap=lambda x: profile(x[:, 0]))
+        if two:
+            punch = geometry.box((20, 5), (50, 4), origin=(0, 20))
+            scene.substructure("punch", punch, lf.LinearElastic(1e8, NU), degree=degree)
+            scene.fix("punch:y1")
+            scene.interface("stop", "block:y1", "punch:y0", contact)
+        else:
+            scene.interface("stop", "block:y1", contact)
+        problem = lf.assemble(scene)
+        stop = problem.interfaces["stop"]
+        assert len(stop.points) >= 50  # no multiplier is lost near the axis
+        assert stop.weights.sum() == pytest.approx(math.pi * 20**2, rel=1e-9)
+        result = lf.solve(problem)
+        assert result.converged
+        forces.append(float(result.force("stop")[:, 0] @ stop.weights))
+    assert forces[0] == pytest.approx(forces[1], rel=1e-3)
