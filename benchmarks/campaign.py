@@ -8,8 +8,9 @@ verdict), ``pool`` (the processes).
 Outcomes: ``right``; ``wrong`` (says converged, and some error is above three tolerances or above three times
 what the result says, or forces break a law or the balance of a part); ``not_converged`` (though there is an
 answer); ``raised`` (an exception though there is an answer); ``crashed`` (the process died or did not end).
-Outside of these: ``refused`` (an exception where there is no answer), ``rounding`` (not converged, and double
-precision does not allow the tolerance), ``unchecked`` (no reference was found, or not in time).
+Outside of these: ``several`` (another answer than the reference's that holds the laws and the balance of all
+parts), ``refused`` (an exception where there is no answer), ``rounding`` (not converged, and double precision
+does not allow the tolerance), ``unjudged`` (no reference was found, or not in time: printed).
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from time import perf_counter
 from typing import Any
 
 OUTCOMES = ("right", "wrong", "not_converged", "raised", "crashed")
-OTHERS = ("refused", "rounding", "unchecked")
+OTHERS = ("several", "refused", "rounding", "unjudged")
+PRINTED = (*OUTCOMES[1:], "unjudged")
 PERCENTILES = (1, 5, 10, 25, 50, 75, 90, 95, 99)
 WITHIN = (1.0 / 3.0, 5.0)
 
@@ -119,7 +121,7 @@ def campaign(seeds: list[int], jobs: int, limit: float, quiet: bool = False) -> 
         with lock:
             done[verdict["outcome"]] += 1
             count = sum(done.values())
-            if not quiet and verdict["outcome"] in OUTCOMES[1:]:
+            if not quiet and verdict["outcome"] in PRINTED:
                 print(line(verdict)[:240], flush=True)
             if not quiet and count % 50 == 0:
                 spent = perf_counter() - began

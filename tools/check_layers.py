@@ -17,6 +17,7 @@ Usage: ``check_layers.py [ROOT]``. Prints ``file:line: offence`` and exits with 
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import sys
 from collections.abc import Iterator
@@ -305,12 +306,9 @@ def check_kernel(root: Path) -> Iterator[Offence]:
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
             if _DOLFINX.search(line):
                 yield Offence(path, number, "the kernel must not mention dolfinx")
-            match = _INCLUDE.match(line)
-            if match is None or user is None:
+        for number, name, target in included(path, kernel):
+            if user is None:
                 continue
-            name = match[1] or match[2]
-            from_prefix = kernel / "include" / name
-            target = from_prefix if name.startswith("latin/") else (path.parent / name).resolve()
             used = layer_of(target, kernel)
             if used is None:
                 if name.startswith("latin/"):
@@ -321,20 +319,30 @@ def check_kernel(root: Path) -> Iterator[Offence]:
                 yield Offence(path, number, f"layer {user} must not include {name} (layer {used})")
 
 
-def imports(path: Path) -> Iterator[tuple[int, str]]:
+def included(path: Path, kernel: Path) -> Iterator[tuple[int, str, Path]]:
+    """Line, name and file of what a file of the kernel includes of it."""
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if match := _INCLUDE.match(line):
+            name = match[1] or match[2]
+            inside = kernel / "include" / name
+            yield number, name, inside if name.startswith("latin/") else (path.parent / name).resolve()
+
+
+@functools.cache
+def imports(path: Path) -> list[tuple[int, str]]:
     """Line and dotted name of everything a Python file imports, at any depth of the code.
 
     ``from a import b`` gives ``a.b``, because b may be a module; relative imports start with dots.
     """
+    found: list[tuple[int, str]] = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), filename=str(path))):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield node.lineno, alias.name
+            found += [(node.lineno, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             prefix = "." * node.level + (node.module or "")
             joint = "" if prefix.endswith(".") else "."
-            for alias in node.names:
-                yield node.lineno, f"{prefix}{joint}{alias.name}"
+            found += [(node.lineno, f"{prefix}{joint}{alias.name}") for alias in node.names]
+    return found
 
 
 def outside_of_functions(path: Path) -> set[int]:
@@ -383,42 +391,66 @@ def frontend_module(module: str, name: str, frontend: Path) -> str | None:
     return ".".join(parts)
 
 
+class Use(NamedTuple):
+    """An import of `name` in a module of the frontend; `used` is the module that it is in."""
+
+    module: str
+    used: str
+    path: Path
+    line: int
+    name: str
+
+
+def module_of(path: Path, frontend: Path) -> str:
+    """Module of a file, as "assembly.pairing"; "" is the frontend itself."""
+    parts = path.relative_to(frontend).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def uses(frontend: Path) -> Iterator[Use]:
+    """What the modules of the frontend import of each other."""
+    for path in sorted(frontend.rglob("*.py")):
+        module = module_of(path, frontend)
+        # what relative imports start from
+        inside = ".".join(path.relative_to(frontend).with_suffix("").parts)
+        for line, name in imports(path):
+            if name.split(".")[0] != "latin_core":
+                used = frontend_module(inside, name, frontend)
+                if used is not None and used != module:
+                    yield Use(module, used, path, line, name)
+
+
 def check_frontend(root: Path) -> Iterator[Offence]:
     """Offences of ``dolfinx_frontend``."""
     frontend = root / "dolfinx_frontend"
     arrows: dict[str, dict[str, tuple[Path, int]]] = {}
     pending: set[tuple[str, str]] = set()
     for path in sorted(frontend.rglob("*.py")):
-        parts = path.relative_to(frontend).with_suffix("").parts
-        module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        inside = ".".join(parts)  # what relative imports start from
-        place = place_of(module)
-        if place is None:
+        module = module_of(path, frontend)
+        if place_of(module) is None:
             yield Offence(path, 1, f"{module} is not in the table FRONTEND of tools/check_layers.py")
-            continue
         for line, name in imports(path):
             if name.split(".")[0] == "latin_core":
                 if name.split(".")[1:2] == ["_core"] and module != "kernel.bridge":
                     yield Offence(path, line, "only kernel/bridge.py may import latin_core._core")
                 elif module.split(".")[0] in WITHOUT_KERNEL:
                     yield Offence(path, line, f"{module.split('.')[0]} must not import latin_core")
-                continue
-            used = frontend_module(inside, name, frontend)
-            if used is None or used == module:
-                continue
-            there = place_of(used)
-            if there is None:
-                yield Offence(path, line, f"{name} is in no module of the table FRONTEND")
-                continue
-            if (module, used) in LAZY and line not in outside_of_functions(path):
-                continue
-            if (module, used) in PENDING:
-                pending.add((module, used))
-                continue
-            arrows.setdefault(module, {}).setdefault(used, (path, line))
-            if there >= place:
-                above = used or "dolfinx_frontend"
-                yield Offence(path, line, f"{module} must not import {above}, which stands above it")
+    for module, used, path, line, name in uses(frontend):
+        place, there = place_of(module), place_of(used)
+        if place is None:
+            continue
+        if there is None:
+            yield Offence(path, line, f"{name} is in no module of the table FRONTEND")
+            continue
+        if (module, used) in LAZY and line not in outside_of_functions(path):
+            continue
+        if (module, used) in PENDING:
+            pending.add((module, used))
+            continue
+        arrows.setdefault(module, {}).setdefault(used, (path, line))
+        if there >= place:
+            above = used or "dolfinx_frontend"
+            yield Offence(path, line, f"{module} must not import {above}, which stands above it")
     for module, used in sorted(PENDING - pending):
         path = frontend.joinpath(*module.split(".")).with_suffix(".py")
         if path.is_file():

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import traceback
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from time import perf_counter
 from typing import Any
@@ -15,12 +16,27 @@ import dolfinx_frontend as lf
 from campaign import measure, scenes
 from campaign.measure import Error
 from campaign.points import Array
-from campaign.reference import Answer, Inadmissible, Model, Unsolved, galerkin, histories
+from campaign.reference import (
+    Answer,
+    Contradiction,
+    Inadmissible,
+    Model,
+    Unsolved,
+    galerkin,
+    given_loads,
+    histories,
+)
 
 FACTOR = 3.0
 """An error of more than this times the tolerance, or times what the result says, is wrong."""
 BALANCE = 30.0
-"""Resultants and laws may be this many tolerances off: they have no norm in common with the error."""
+"""Resultants and laws may be this many tolerances off, for they have no norm in common with the error; not
+more than `LARGE` in all, nor less than `FACTOR` tolerances."""
+LARGE = 0.1
+PATH = 8
+"""Increments of a step along which a bond that softens is followed."""
+BRANCH = 0.01
+"""Damages that differ by more are of two branches."""
 ATTEMPTS = 12
 TIGHT = 1e-11
 
@@ -34,13 +50,15 @@ class Verdict:
     outcome
         ``right``, ``wrong`` (converged), ``not_converged``, ``raised``, ``crashed``; ``refused`` (an
         exception at a scene that has no answer), ``rounding`` (not converged where rounding alone is above
-        the tolerance), ``unchecked`` (no reference).
+        the tolerance), ``several`` (friction allows more than one answer, this is another one than the
+        reference's), ``unjudged`` (no reference).
     what
         In one line.
     why
         Of a wrong one: ``tolerance`` (above three of them), ``fluctuation`` and ``scatter of samples`` (the
         same, but only there), ``estimate`` (only above three times what the result says), ``law``,
-        ``equilibrium``. Of one that did not converge: its status, and whether it was accelerated.
+        ``equilibrium``, ``no answer`` (nothing balances the loads), ``mean`` and ``deviation`` (as they are
+        read). Of one that did not converge: its status, and whether it was accelerated.
     ratio
         Said over true, of converged iterations whose true error is above rounding, and what they say above
         the resolution of estimates (docs/limits.md); None otherwise.
@@ -91,6 +109,9 @@ class Found:
         Run (one, or one per sample or point) -> step -> part -> (n, columns).
     said, status
         One each run.
+    acting
+        Interface -> force and jump (runs, steps, m, components) as a user reads them, of a chaos their means;
+        what the run does not know is missing.
     """
 
     plan: Any
@@ -100,6 +121,7 @@ class Found:
     iterations: int
     direct: bool
     result: Any
+    acting: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
 
 class Case:
@@ -166,7 +188,24 @@ class Case:
             status, said = list(map(str, result.points.status)), list(result.error.ravel())
         iterations = int(np.sum(result.iterations))
         direct = result.plan.method == "direct"
-        return Found(result.plan, fields, [float(s) for s in said], status, iterations, direct, result)
+        said = [float(s) for s in said]
+        acting = self._acting(problem, result)
+        return Found(result.plan, fields, said, status, iterations, direct, result, acting)
+
+    def _acting(self, problem: Any, result: Any) -> dict[str, tuple[Array, Array]]:
+        out = {}
+        for name in problem.interfaces:
+            try:
+                if self.kind == "chaos":
+                    both = [result.force_coefficients(name)[..., 0], result.jump_coefficients(name)[..., 0]]
+                else:
+                    both = [np.asarray(result.force(name)), np.asarray(result.jump(name))]
+            except lf.SceneError:
+                continue
+            shapes = [(-1, len(self.times or [0]), *each.shape[-2:]) for each in both]
+            force, jump = (each.reshape(shape) for each, shape in zip(both, shapes, strict=True))
+            out[name] = force, jump
+        return out
 
     def _steps(self, fields: Mapping[str, Array]) -> list[dict[str, Array]]:
         if self.times is None:
@@ -183,11 +222,8 @@ class Case:
             rows = [{n: float(self.variables[n].value(g[c])) for n, c in where} for g in germs]
             return rows, found.result.probabilities
         if self.kind == "sweep":
-            axes = list(found.result.axes)
-            grid = np.meshgrid(*found.result.axes.values(), indexing="ij")
-            return [
-                {n: float(g.ravel()[k]) for n, g in zip(axes, grid, strict=True)} for k in range(grid[0].size)
-            ], None
+            points = itertools.product(*self.grid.values())
+            return [dict(zip(self.grid, map(float, point), strict=True)) for point in points], None
         return [{}], None
 
 
@@ -198,34 +234,16 @@ def model_of(case: Case, problem: Any, active: Any) -> Model:
     return Model(problem, laws, active, case.random)
 
 
-def starts(case: Case, found: Found, run: int, model: Model) -> Callable[[int], Any] | None:
+def starts(found: Found, run: int, model: Model) -> Callable[[int], Any]:
     """Forces and jumps of a run, for the reference to begin from."""
-    answer: Any = found.result
-    if case.kind == "sweep":
-        answer = answer.point(*np.unravel_index(run, answer.shape))
-    elif case.kind == "samples":
-        first = 0
-        for block in found.result.blocks():
-            if run < first + len(block):
-                answer = block
-                break
-            first += len(block)
-    elif case.kind not in ("static", "history"):
-        return None
-    known = {}
-    for row in model.rows:
-        try:
-            both = np.asarray(answer.force(row.name)), np.asarray(answer.jump(row.name))
-        except lf.SceneError:
-            continue
-        if case.kind == "samples":
-            both = both[0][run - first], both[1][run - first]
-        known[row.name] = both
 
     def begin(step: int) -> Any:
-        if case.times is None:
-            return known
-        return {n: (f[step], j[step]) for n, (f, j) in known.items()}
+        known = {}
+        for row in model.rows:
+            force, jump = found.acting.get(row.name, (np.zeros(0), None))
+            if force.shape[-1] == row.components:
+                known[row.name] = force[run, step], jump[run, step]
+        return known
 
     return begin
 
@@ -255,17 +273,40 @@ def truth(case: Case, problem: Any, found: Found, model: Model, run: int, values
     """The reference's steps for one run; a warm one begins from the run's own answer.
 
     Parts that nothing moves in the reference's first answer (`cold`) begin at rest: from rounding they
-    would not come to it.
+    would not come to it. A bond that softens has the damage that it comes to while the loads of a step grow:
+    the step begins from there. Its damage is not known where it cannot be followed.
     """
-    start = starts(case, found, run, model) if warm else None
-    near = found.fields[run] if warm else None
-    if near is not None and start is not None and cold:
-        near, start = at_rest(problem, near, start, cold)
-    if case.times is None:
-        first = None if near is None else near[0]
-        answer, _ = model.solve(case.laws(None, values), start=start(0) if start else None, near=first)
-        return [answer]
-    return histories(model, lambda t: case.laws(t, values), case.times, start, near)
+
+    def laws_at(time: float | None) -> Mapping[str, Any]:
+        return case.laws(time, values)
+
+    if warm:
+        near, start = found.fields[run], starts(found, run, model)
+        if cold:
+            near, start = at_rest(problem, near, start, cold)
+        return histories(model, laws_at, case.times, start, near)
+    answers = histories(model, laws_at, case.times)
+    if any(np.any(damage) for answer in answers for damage in answer.damage.values()):
+        try:
+            path = histories(model, laws_at, case.times, increments=PATH)
+
+            def grown(step: int) -> dict[str, tuple[Array, Array]]:
+                return {name: (force, path[step].jumps[name]) for name, force in path[step].forces.items()}
+
+            answers = histories(model, laws_at, case.times, grown, [answer.fields for answer in path])
+        except Unsolved:
+            for answer in answers:
+                answer.damage.clear()
+    return answers
+
+
+def same_branch(first: Sequence[Answer], second: Sequence[Answer]) -> bool:
+    """Whether two answers have the damage of one branch, as far as it is known."""
+    return all(
+        np.abs(damage - b.damage[name]).max() <= BRANCH
+        for a, b in zip(first, second, strict=True)
+        for name, damage in a.damage.items()
+    )
 
 
 def galerkin_truth(case: Case, problem: Any, found: Found, model: Model) -> list[Answer]:
@@ -345,36 +386,68 @@ def tight_truth(
     return answers
 
 
-def _forces(case: Case, problem: Any, found: Found) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
-    """Broken laws and resultants left over, of each step of a deterministic run."""
-    broken, left = [], []
-    result = found.result
-    steps: list[int | None] = [None] if case.times is None else list(range(len(case.times)))
-    reach = max(float(np.abs(u).max()) for each in found.fields[0] for u in each.values())
-    for number, step in enumerate(steps):
-        time = None if step is None else float(case.times[step])
-        laws = case.laws(time)
-        forces, both = {}, {}
-        for name in problem.interfaces:
-            try:
-                f, j = np.asarray(result.force(name)), np.asarray(result.jump(name))
-            except lf.SceneError:
-                continue
-            if step is not None:
-                f, j = f[step], j[step]
-            forces[name] = f
-            both[name] = (f, j)
-        now = problem if time is None else problem.at(time)
-        body = {name: part.load for name, part in now.substructures.items()}
-        broken.append(measure.broken_laws(problem, laws, both, found.fields[0][number]))
-        left.append(measure.unbalanced(problem, laws, forces, body, reach))
-    return broken, left
+def offences(case: Case, problem: Any, found: Found) -> Iterator[tuple[str, str, float]]:
+    """What breaks a law or the balance of a part in the answers that have converged: why, where, how much."""
+    for k, values in enumerate(case.values(found)[0]):
+        if found.status[k] != "converged":
+            continue
+        memory: dict[str, Any] = {}
+        for step, fields in enumerate(found.fields[k]):
+            time = None if case.times is None else float(case.times[step])
+            laws = case.laws(time, values)
+            both = {name: (f[k, step], j[k, step]) for name, (f, j) in found.acting.items()}
+            mean = {name: u[:, :1] for name, u in fields.items()}
+            loads = given_loads(problem, laws, time)
+            broken = {}
+            if case.kind != "chaos":  # the mean of a force is not the force of the mean
+                broken = measure.broken_laws(problem, laws, both, mean, time, memory)
+            forces = {name: force for name, (force, _) in both.items()}
+            left = measure.unbalanced(problem, laws, forces, loads, mean)
+            for why, each in (("law", broken), ("equilibrium", left)):
+                for name, size in each.items():
+                    yield why, f"{name}, run {k}, step {step}", size
+
+
+def misread(case: Case, found: Found) -> Iterator[tuple[str, str, float]]:
+    """Means and deviations that are not those of the columns or samples they are of: why, where, how much."""
+    if case.kind not in ("chaos", "samples"):
+        return
+    weights = case.values(found)[1]
+    for name in found.fields[0][0]:
+        if weights is None:
+            mean, rest = found.fields[0][0][name][:, 0], found.fields[0][0][name][:, 1:]
+        else:
+            each = np.stack([fields[0][name][:, 0] for fields in found.fields], axis=1)
+            mean = each @ weights
+            rest = (each - mean[:, None]) * np.sqrt(weights)
+            if found.result.weights is None and found.result.statistics != "qmc":
+                rest *= np.sqrt(len(weights) / (len(weights) - 1))
+        deviation = np.linalg.norm(rest, axis=1)
+        for why, read, own in (
+            ("mean", found.result.unknowns(name), mean),
+            ("deviation", found.result.deviation(name), deviation),
+        ):
+            least = measure.SCATTER * np.abs(mean).max()
+            yield why, name, float(np.abs(np.ravel(read) - own).max() / max(np.abs(own).max(), least, 1e-300))
+
+
+def has_answer(case: Case, problem: Any, found: Found) -> bool:
+    """Whether something can balance the loads of each run that has converged."""
+    for k, values in enumerate(case.values(found)[0]):
+        for time in case.times or [None]:
+            laws = case.laws(time, values)
+            loads = given_loads(problem, laws, time)
+            if found.status[k] == "converged" and not measure.has_balance(problem, laws, loads, time):
+                return False
+    return True
 
 
 def compare(
-    case: Case, problem: Any, found: Found, phase: Callable[[str], None] = lambda _: None
+    case: Case, problem: Any, found: Found, rtol: float, phase: Callable[[str], None] = lambda _: None
 ) -> tuple[list[Error], str, float, float]:
     """All errors of a run, how the truth was found, what rounding explains, and the error in one number.
+
+    Where friction allows several answers, the nearest counts: it is found from the run's own.
 
     Raises
     ------
@@ -400,8 +473,9 @@ def compare(
             try:
                 every.append(truth(case, problem, found, model, k, value))
             except Unsolved:
-                # friction may hide its answers: look next to the one that is claimed
-                if found.status[k] != "converged":
+                # friction may hide its answers: look next to the one that is claimed; torn glue claims anything
+                glue = any(isinstance(law, lf.Debonding) for law in case.laws().values())
+                if glue or found.status[k] != "converged":
                     raise
                 every.append(truth(case, problem, found, model, k, value, warm=True))
                 how = "assembled, from the answer that is judged"
@@ -431,8 +505,12 @@ def compare(
                     warm = errors_of(nearest)
                 except Unsolved:
                     continue
-                if max((e.true for e in warm), default=0.0) < 0.5 * max((e.true for e in mine), default=0.0):
-                    mine, how = warm, how.split(",")[0] + ", nearest of several answers"
+                closer = max((e.true for e in warm), default=0.0) < 0.5 * max(e.true for e in mine)
+                if closer and same_branch(answers, nearest):
+                    how = how.split(",")[0] + ", nearest to the run"
+                    if too_large(mine, rtol) and not too_large(warm, rtol):
+                        how = SEVERAL
+                    mine = warm
                     every[k] = nearest
                     largest = measure.whole(model.norms, found.fields[k], nearest)
                     break
@@ -465,9 +543,17 @@ RESOLUTION = 2e-9
 LINEAR = (lf.Elastic, lf.Perfect, lf.Displacement, lf.Symmetry, lf.Pressure, lf.Traction)
 
 
+SEVERAL = "one of several answers"
+
+
+def too_large(errors: list[Error], rtol: float) -> list[Error]:
+    """Those that make an answer wrong."""
+    return [e for e in errors if e.true > FACTOR * rtol or e.true > FACTOR * e.said]
+
+
 def judged(verdict: Verdict, errors: list[Error], rtol: float, direct: bool) -> None:
     """Whether a converged run is right."""
-    bad = [e for e in errors if e.true > FACTOR * rtol or e.true > FACTOR * e.said]
+    bad = too_large(errors, rtol)
     worst = sorted(bad or errors, key=lambda e: -e.true)
     verdict.errors = [str(e) for e in worst[:6]]
     if errors:
@@ -489,7 +575,7 @@ def judged(verdict: Verdict, errors: list[Error], rtol: float, direct: bool) -> 
             verdict.why = "scatter of samples" if "samples" in large[0].place else "fluctuation"
         verdict.what = f"{len(bad)} of {len(errors)} errors too large: {worst[0]}"
     else:
-        verdict.outcome = "right"
+        verdict.outcome = "several" if verdict.reference == SEVERAL else "right"
 
 
 def judge(seed: int, phase: Callable[[str], None] = lambda _: None, kind: str | None = None) -> Verdict:
@@ -599,22 +685,23 @@ def one(
                         step[name] = step[name] * (1.0 + perturb)
         verdict.status = max(found.status, key=lambda s: ("converged", s).index(s))
         verdict.said, verdict.iterations = max(found.said), found.iterations
+        rtol, lost = drawn.rtol, False
         try:
-            compared = compare(case, problem_here, found, phase)
+            compared = compare(case, problem_here, found, rtol, phase)
             errors, verdict.reference, verdict.rounding, verdict.whole = compared
-        except Inadmissible as reason:
-            verdict.outcome, verdict.what = "inadmissible", str(reason)
-            return verdict
-        except Unsolved as reason:
-            verdict.outcome, verdict.what = "unchecked", f"{verdict.status}; reference: {reason}"
-            spent("reference")
-            return verdict
-        spent("reference")
-        rtol = drawn.rtol
-        judged(verdict, errors, rtol, found.direct)
-        if verdict.outcome == "right" and case.kind in ("static", "history") and comm is None:
+            judged(verdict, errors, rtol, found.direct)
+        except (Inadmissible, Unsolved) as reason:
+            verdict.outcome = "inadmissible" if isinstance(reason, Inadmissible) else "unjudged"
+            verdict.what = f"{verdict.status}; reference: {reason}"
+            lost = isinstance(reason, Contradiction) or not has_answer(case, problem_here, found)
+        if comm is None and verdict.outcome != "wrong" and "converged" in found.status:
             _side_conditions(case, problem_here, found, verdict, rtol)
-        if verdict.outcome == "right" and verdict.status != "converged":
+            if lost and verdict.outcome != "wrong":
+                verdict.outcome, verdict.why = "wrong", "no answer"
+        spent("reference")
+        if verdict.outcome == "inadmissible":
+            return verdict
+        if verdict.outcome in ("right", "several") and verdict.status != "converged":
             stuck = sum(s != "converged" for s in found.status)
             verdict.outcome = "rounding" if verdict.rounding > rtol / FACTOR else "not_converged"
             verdict.what = f"{verdict.status}: {stuck} of {len(found.status)}, said {verdict.said:.1e}"
@@ -626,17 +713,16 @@ def one(
 
 
 def _side_conditions(case: Case, problem: Any, found: Found, verdict: Verdict, rtol: float) -> None:
-    """Equilibrium, complementarity and cone of a converged run."""
-    if found.status != ["converged"]:
-        return
-    allowed = max(BALANCE * rtol, 3.0 * verdict.rounding, 1e-9)
-    broken, left = _forces(case, problem, found)
-    for what, steps in (("law", broken), ("equilibrium", left)):
-        for k, each in enumerate(steps):
-            for name, size in each.items():
-                if size > allowed:
-                    verdict.outcome, verdict.why = "wrong", what
-                    verdict.errors.append(f"{what}: {name}, step {k}: {size:.2e}")
+    """Laws and balance of each step, and what is read of a scatter: they need no reference."""
+    least = max(FACTOR * verdict.rounding, 1e-9)
+    allowed = max(FACTOR * rtol, min(BALANCE * rtol, LARGE), least)
+    for (why, where, size), most in (
+        *((each, allowed) for each in offences(case, problem, found)),
+        *((each, least) for each in misread(case, found)),
+    ):
+        if not size <= most:
+            verdict.outcome, verdict.why = "wrong", why
+            verdict.errors.append(f"{why}: {where}: {size:.2e}")
     if verdict.outcome == "wrong":
         verdict.what = verdict.errors[-1]
 
@@ -651,10 +737,7 @@ def _exception(case: Case, problem: Any, verdict: Verdict, failure: Exception) -
         perfect = {n: i for n, i in problem.interfaces.items() if isinstance(i.law, lf.Perfect)}
         active = [n for n, i in perfect.items() if i.matching is None]
         model = model_of(case, problem, active)
-        if case.times is None:
-            model.solve(case.laws())
-        else:
-            histories(model, lambda t: case.laws(t), case.times)
+        histories(model, case.laws, case.times)
     except Inadmissible:
         verdict.outcome = "inadmissible"
     except Unsolved:

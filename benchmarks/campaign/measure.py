@@ -8,10 +8,10 @@ its estimate. Two norms of a part's error, each relative to the part's own answe
 
 A part's error is the larger of the two. Neither is enough alone: a part on soft springs may carry the right
 force at the wrong place, and a part that flies far may be nearly unstrained. What double precision leaves
-(`floors` of the reference, ten times; ten rounding errors of the largest displacement of the parts it is
-connected with, for an iteration passes on displacements and forces that differ by them; 1e-10 in any case,
-of a scatter 1e-10 of the mean) is no error, so that a part without a load is not wrong by 1e-16 of its
-neighbour's motion. What is nothing but rounding, or moves by less than thirty such errors, has no size of
+(`floors` of the reference, ten times; ten rounding errors of the largest displacement of the scene, for an
+iteration passes on displacements and forces that differ by them; 1e-10 in any case, of a scatter 1e-10 of
+the mean) is no error, so that a part without a load is not wrong by 1e-16 of its neighbour's motion. What is
+nothing but rounding, or moves by less than thirty such errors, has no size of
 its own: a scatter is then compared with the mean, the displacement of a part that stays where it is with
 the largest one of the scene, and strains are not compared. The fluctuation of a chaos is all its columns
 but the first; that of samples is what is left without their mean. A step is compared with itself, but with
@@ -28,9 +28,11 @@ from typing import Any
 
 import dolfinx_frontend as lf
 import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import linprog
 
-from campaign.points import Array
-from campaign.reference import EPS, Answer, Norms
+from campaign.points import Array, Bond, Friction, Springs, Wire, Yield, point_law
+from campaign.reference import EPS, LOADS, RIGID, Answer, Norms
 
 FLOORS = 10.0
 """So many times the estimated rounding error is still rounding."""
@@ -44,6 +46,9 @@ HELD = 1e-4
 """The displacement of faces is compared with this fraction of the largest one of the part at least."""
 SCATTER = 1e-6
 """A scatter below this fraction of the part's mean is none, and is compared with the mean."""
+SLACK = 1.0 + 1e-6
+"""What laws allow is widened by this, so that no rounding denies an answer."""
+INFEASIBLE = 2
 NAMES = ("energy", "displacement")
 
 
@@ -108,17 +113,14 @@ def errors(
     out: list[Error] = []
     groups = columns(kind)
     sizes: dict[tuple[str, int, int], Array] = {}
-    spans = {name: 0.0 for name in norms.stiffness}
+    reach = max(float(np.abs(u).max(initial=0.0)) for answer in answers for u in answer.fields.values())
     for k, answer in enumerate(answers):
-        for name in spans:
-            spans[name] = max(spans[name], float(np.abs(answer.fields[name]).max(initial=0.0)))
         for name, parts in norms.components.items():
             for g, group in enumerate(groups):
                 sizes[name, k, g] = norms.over(parts, {p: answer.fields[p][:, group] for p in parts})
     for k, answer in enumerate(answers):
         for name, parts in norms.components.items():
             faces = sum(norms.on_faces[p].diagonal().sum() for p in parts)
-            reach = max(spans[p] for p in norms.islands[parts[0]])
             least = sum(
                 10.0 * EPS * reach
                 * np.sqrt([norms.stiffness[p].diagonal().sum(), norms.on_faces[p].diagonal().sum()])
@@ -180,6 +182,7 @@ def spread(
 ) -> list[Error]:
     """Errors of mean and fluctuation of samples: (n, 1) each, with weights of sum 1."""
     out = []
+    reach = max(float(np.abs(u).max(initial=0.0)) for answer in answers for u in answer.fields.values())
     for name, parts in norms.components.items():
         exact = {p: np.stack([a.fields[p][:, 0] for a in answers], axis=1) for p in parts}
         mine = {p: np.stack([np.asarray(f[p])[:, 0] for f in found], axis=1) for p in parts}
@@ -190,11 +193,10 @@ def spread(
         ]
         bound = sum(
             FLOORS * np.max([a.floors[p][:, 0] for a in answers], axis=0)
-            + EPS * 10.0 * float(np.abs(exact[p]).max())
+            + EPS * 10.0 * reach
             * np.sqrt([norms.stiffness[p].diagonal().sum(), norms.on_faces[p].diagonal().sum()])
             for p in parts
         )
-        reach = max(float(np.abs(exact[p]).max()) for p in parts)
         bound = bound + 10.0 * EPS * reach * np.array([norms.of_springs(parts), 0.0])
         mean_size = norms.over(parts, means[0])
         for what, (e, m) in (("mean", means), ("fluctuation", rest)):
@@ -215,13 +217,27 @@ def spread(
     return out
 
 
+def rounding(problem: Any, fields: Mapping[str, Array]) -> tuple[float, float]:
+    """What rounding does to displacements and to forces of the scene: it passes from part to part."""
+    moved = max(float(np.abs(u).max(initial=0.0)) for u in fields.values())
+    parts = problem.substructures.items()
+    terms = max(float((abs(part.matrix) @ np.abs(fields[name]).ravel()).sum()) for name, part in parts)
+    return NOISE * EPS * moved, NOISE * EPS * terms
+
+
 def broken_laws(
     problem: Any,
     laws: Mapping[str, Any],
     forces: Mapping[str, tuple[Array, Array]],
     fields: Mapping[str, Array],
+    time: float | None = None,
+    memory: dict[str, Any] | None = None,
 ) -> dict[str, float]:
-    """How far forces and jumps of contacts are from complementarity and friction's cone, relative.
+    """How far forces and jumps are from the laws of their interfaces, relative.
+
+    A force f and a jump j hold a law if f is what its resolvent R gives of z = j + c f, whatever c is:
+    complementarity, cone, slip along the force and the memory of what came before are all in it. Here c is
+    the interface's displacement over its force, so that what is left of f - R(z) is relative to both.
 
     Parameters
     ----------
@@ -229,53 +245,129 @@ def broken_laws(
         Interface -> force and jump (m, components) of the result.
     fields
         Part -> displacements (n, 1).
+    time, memory
+        Of a step, and what the laws remember of those before; this one is added.
     """
-    from campaign.points import Friction, point_law
-
     out = {}
+    memory = {} if memory is None else memory
+    of_motion, of_forces = rounding(problem, fields)
     for name, (force, jump) in forces.items():
-        law = laws[name]
-        if not isinstance(law, lf.Contact):
+        if isinstance(laws[name], RIGID + LOADS):
             continue
         interface = problem.interfaces[name]
-        point = point_law(interface, law, None, None)
-        assert isinstance(point, Friction)
-        w = interface.weights
-        opening = jump[:, 0] - point.delta[:, 0] + point.gap - point.compliance * force[:, 0]
-        size = np.sqrt(w @ np.sum(force**2, axis=1))
-        d = interface.dim
+        point = point_law(interface, laws[name], time, memory.get(name))
+        k, w, d = point.components, interface.weights, interface.dim
+        f, j = force[:, :k], jump[:, :k]
+
+        def norm(values: Array, w: Array = w) -> float:
+            return float(np.sqrt(w @ np.sum(values.reshape(len(w), -1) ** 2, axis=1)))
+
         moved = [side.shape @ fields[side.substructure].reshape(-1, d) for side in interface.sides]
-        far = max([np.sqrt(w @ np.sum(u**2, axis=1)) for u in moved] + [np.sqrt(w @ point.gap**2), 1e-300])
-        out[f"{name}: pulls"] = float(np.sqrt(w @ np.maximum(force[:, 0], 0.0) ** 2) / max(size, 1e-300))
-        out[f"{name}: penetrates"] = float(np.sqrt(w @ np.minimum(opening, 0.0) ** 2) / far)
-        pressed = np.maximum(-force[:, 0], 0.0) / max(size, 1e-300)
-        both = np.minimum(np.maximum(opening, 0.0) / far, pressed)
-        out[f"{name}: presses where open"] = float(np.sqrt(w @ both**2))
-        if force.shape[1] > 1:
-            over = np.maximum(np.linalg.norm(force[:, 1:], axis=1) - point.bound(force), 0.0)
-            out[f"{name}: leaves the cone"] = float(np.sqrt(w @ over**2) / max(size, 1e-300))
+        gap = getattr(point, "gap", np.zeros(len(w)))
+        area = float(np.sqrt(w.sum()))
+        far = max(*map(norm, (*moved, gap)), of_motion * area, np.finfo(np.float64).tiny)
+        size = max(norm(f), of_forces / area, np.finfo(np.float64).tiny)
+        c = np.full(f.shape, far / size)
+        if hasattr(point, "flexibility"):
+            c = point.flexibility(c)
+        left = f - point.resolve(j + c * f, c)[0]
+        if not (norm(left) <= of_forces / area or norm(c * left) <= of_motion * area):
+            out[name] = norm(left) / max(size, far / float(c.max()))
+        memory[name] = point.remember(j, f)
     return out
+
+
+def frames_of(interface: Any, law: Any, components: int) -> Array:
+    """Directions (m, components, d) of the components of an interface's force."""
+    d = interface.dim
+    if isinstance(law, lf.Displacement):
+        axes = list(range(d) if law.components is None else law.components)
+        return np.broadcast_to(np.eye(d)[axes], (interface.num_points, len(axes), d))
+    return interface.frames[:, :components]
 
 
 def nodal(interface: Any, law: Any, force: Array) -> list[Array]:
     """Nodal forces (nodes of the part, d) of an interface on its sides; its force is (m, components)."""
-
-    d = interface.dim
-    frames = interface.frames[:, : force.shape[1]]
-    if isinstance(law, lf.Displacement):
-        axes = list(range(d) if law.components is None else law.components)
-        frames = np.broadcast_to(np.eye(d)[axes], (len(force), len(axes), d))
+    frames = frames_of(interface, law, force.shape[1])
     at_points = interface.weights[:, None] * np.einsum("mk,mkd->md", force, frames)
     signs = zip(interface.sides, (1.0, -1.0), strict=False)
     return [sign * (side.shape.T @ at_points) for side, sign in signs]
+
+
+def allowed_forces(interface: Any, law: Any, time: float | None) -> tuple[Array, Array, Array, Array]:
+    """Bounds (m, k) of the components of a force that a law allows, and friction mu and threshold (m,)."""
+    m, d = interface.num_points, interface.dim
+    free, none = np.full((m, d), np.inf), np.zeros(m)
+    if isinstance(law, RIGID):
+        k = 1 if isinstance(law, lf.Symmetry) else d
+        if isinstance(law, lf.Displacement) and law.components is not None:
+            k = len(law.components)
+        return -free[:, :k], free[:, :k], none, none
+    point = point_law(interface, law, time, None)
+    low, high, mu, tau = -free[:, : point.components], free[:, : point.components].copy(), none, none
+    if isinstance(point, Springs):
+        low, high = np.where(point.kappa > 0.0, low, 0.0), np.where(point.kappa > 0.0, high, 0.0)
+    elif isinstance(point, Friction):
+        high[:, 0], mu, tau = 0.0, SLACK * point.mu, SLACK * point.tau
+    elif isinstance(point, Bond):
+        high[:, 0] = SLACK * point.strength
+    elif isinstance(point, Wire):
+        low = np.zeros_like(low)
+    elif isinstance(point, Yield):
+        low, high = -SLACK * point.limit[:, None], SLACK * point.limit[:, None]
+    return low, high, mu, tau
+
+
+def has_balance(
+    problem: Any, laws: Mapping[str, Any], loads: Mapping[str, Array], time: float | None
+) -> bool:
+    """Whether forces that the laws allow balance the loads (n,) of all parts: if not, there is no answer.
+
+    A linear programme for the resultants; in 3D an octagon stands around friction's circle.
+    """
+    parts = problem.substructures
+    ends = np.cumsum([0, *(part.rigid_modes.shape[1] for part in parts.values())])
+    places = {name: slice(*ends[k : k + 2]) for k, name in enumerate(parts)}
+    right = -np.concatenate([part.rigid_modes.T @ loads[name] for name, part in parts.items()])
+    largest = float(np.abs(right).max(initial=0.0))
+    if largest == 0.0:
+        return True
+    acts, bounds, cones, most = [], [], [], []
+    for name, interface in problem.interfaces.items():
+        if isinstance(laws[name], LOADS):
+            continue
+        low, high, mu, tau = allowed_forces(interface, laws[name], time)
+        (m, k), d = low.shape, interface.dim
+        share = interface.weights / largest
+        bounds += zip((share[:, None] * low).ravel(), (share[:, None] * high).ravel(), strict=True)
+        act = np.zeros((ends[-1], m, k))
+        frames = frames_of(interface, laws[name], k)
+        for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):
+            modes = parts[side.substructure].rigid_modes
+            moved = (side.shape @ modes.reshape(-1, d * modes.shape[1])).reshape(m, d, -1)
+            act[places[side.substructure]] += sign * np.einsum("mdr,mkd->rmk", moved, frames)
+        acts.append(act.reshape(ends[-1], -1))
+        cone = [sp.csr_matrix((0, m * k))]
+        if isinstance(laws[name], lf.Contact) and k > 1:
+            corners = np.arange(2) if k == 2 else np.arange(8) / 4
+            for angle in np.pi * corners:
+                along = np.array([0.0, np.cos(angle), np.sin(angle)])[:k]
+                first = sp.csr_matrix(np.eye(1, k))
+                cone.append(sp.kron(sp.diags(mu), first) + sp.kron(sp.eye(m), sp.csr_matrix(along)))
+                most.append(share * tau)
+        cones.append(sp.vstack(cone))
+    A, cone = np.hstack(acts), sp.block_diag(cones)
+    limits = {"A_ub": cone, "b_ub": np.concatenate(most)} if most else {}
+    found = linprog(np.zeros(A.shape[1]), A_eq=A, b_eq=right / largest, bounds=bounds, **limits)
+    return bool(found.status != INFEASIBLE)
 
 
 def unbalanced(
     problem: Any,
     laws: Mapping[str, Any],
     forces: Mapping[str, Array],
-    body: Mapping[str, Array],
-    reach: float,
+    loads: Mapping[str, Array],
+    fields: Mapping[str, Array],
 ) -> dict[str, float]:
     """Resultants that are left over on every part whose forces are all known, relative to all that act on it.
 
@@ -283,47 +375,29 @@ def unbalanced(
     ----------
     forces
         Interface -> force (m, components); those that are missing are not known.
-    body
-        Part -> nodal body forces (n,).
-    reach
-        Largest displacement of the scene; what its rounding does to the forces of a part, of its neighbours
-        and of springs between them, whose stiffness it is multiplied by, is no imbalance. Neither is that of
-        parts that springs join it to: they may be one body for the run.
+    loads
+        Part -> nodal forces (n,) that are given.
+    fields
+        Part -> displacements (n, 1).
     """
-    stiffest = {name: float(part.matrix.diagonal().sum()) for name, part in problem.substructures.items()}
-    near = dict(stiffest)
-    for label, interface in problem.interfaces.items():
-        sides = [side.substructure for side in interface.sides]
-        spring = 0.0
-        if isinstance(laws[label], lf.Elastic):
-            spring = float((laws[label].stiffnesses(interface) * interface.weights[:, None]).sum())
-        for name in sides:
-            near[name] = max(near[name], spring, *(stiffest[other] for other in sides))
-    joined = [
-        {side.substructure for side in interface.sides}
-        for label, interface in problem.interfaces.items()
-        if isinstance(laws[label], lf.Elastic | lf.Perfect)
-    ]
-    for _ in near:  # to the ends of a chain
-        for names in joined:
-            near.update(dict.fromkeys(names, max(near[name] for name in names)))
-    left: dict[str, Any] = {name: [body[name].reshape(-1, problem.dim)] for name in problem.substructures}
+    _, of_forces = rounding(problem, fields)
+    left: dict[str, Any] = {name: [load] for name, load in loads.items()}
     for name, interface in problem.interfaces.items():
+        if isinstance(laws[name], LOADS):
+            continue
         known = nodal(interface, laws[name], forces[name]) if name in forces else None
         for i, side in enumerate(interface.sides):
             acts = left[side.substructure]
             if acts is not None and known is not None:
-                acts.append(known[i])
+                acts.append(known[i].ravel())
             else:
                 left[side.substructure] = None
     out = {}
     for name, acts in left.items():
         if acts is None:
             continue
-        part = problem.substructures[name]
-        each = np.array([part.rigid_modes.T @ act.ravel() for act in acts])
-        size = max(float(np.abs(act).sum()) for act in acts)
-        left_over = float(np.abs(each.sum(axis=0)).max())
-        if left_over > 20.0 * EPS * reach * near[name]:
-            out[name] = left_over / size
+        modes = problem.substructures[name].rigid_modes
+        over = float(np.abs(modes.T @ np.sum(acts, axis=0)).max())
+        if not over <= of_forces:
+            out[name] = over / max(float(np.abs(act).sum()) for act in acts)
     return out

@@ -207,6 +207,10 @@ class Bond(PointLaw):
     def remember(self, jump: Array, force: Array) -> Any:
         return np.maximum(self.worst, self._mixed(jump - self.delta))
 
+    def damage(self, worst: Array) -> Array:
+        """0 (whole) to 1 (torn), (m,)."""
+        return np.clip((worst - self.first) / (self.last - self.first), 0.0, 1.0)
+
     def freeze(self, jump: Array, force: Array, last: Array | None) -> None:
         self.frozen = self._mixed(jump - self.delta)
 

@@ -127,7 +127,7 @@ class Seat:
                 self.close()
                 what = f"no end of {phase} within {self.limit:g} s"
                 # the campaign's own slowness is nobody else's failure
-                outcome = "unchecked" if phase == "reference" else "crashed"
+                outcome = "unjudged" if phase == "reference" else "crashed"
                 return self._lost(task, outcome, what, words, began, attempt)
 
     @staticmethod

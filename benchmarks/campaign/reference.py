@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 import dolfinx_frontend as lf
-from campaign.points import Array, PointLaw, Springs, point_law, spring_rows, vector
+from campaign.points import Array, Bond, PointLaw, Springs, point_law, spring_rows, vector
 
 EPS = float(np.finfo(np.float64).eps)
 RIGID = (lf.Displacement, lf.Symmetry, lf.Perfect)
@@ -41,6 +41,10 @@ Laws = Mapping[str, Any]
 
 class Inadmissible(Exception):
     """The scene has no unique answer, or contradicts itself."""
+
+
+class Contradiction(Inadmissible):
+    """Supports contradict one another: no answer is right."""
 
 
 class Unsolved(Exception):
@@ -60,12 +64,15 @@ class Answer:
         rest.
     forces, jumps
         Nonlinear interface -> (m, components).
+    damage
+        Bond -> (m,), 0 where it is whole and 1 where it is torn.
     """
 
     fields: dict[str, Array]
     floors: dict[str, Array]
     forces: dict[str, Array] = field(default_factory=dict)
     jumps: dict[str, Array] = field(default_factory=dict)
+    damage: dict[str, Array] = field(default_factory=dict)
 
 
 @dataclass
@@ -88,16 +95,10 @@ class Norms:
     ----------
     kept
         Interfaces that a run kept: parts that are joined by others are one for its estimate (`components`).
-
-    Attributes
-    ----------
-    islands
-        Part -> what it is connected with, itself included: rounding does not pass beyond.
     """
 
     def __init__(self, problem: Any, kept: Sequence[str] | None = None) -> None:
         self.components = _components(problem, kept)
-        self.islands = {name: group for group in _components(problem, []).values() for name in group}
         self.springs: list[tuple[dict[str, sp.csr_matrix], Array]] = []
         self.stiffness = {name: part.matrix.tocsr() for name, part in problem.substructures.items()}
         self.rigid = {name: part.strainless for name, part in problem.substructures.items()}
@@ -157,6 +158,28 @@ def _components(problem: Any, kept: Sequence[str] | None) -> dict[str, list[str]
         names = [each for each in problem.substructures if each in of_part[name]]
         found["+".join(names)] = names
     return found
+
+
+def force_on(interface: Any, law: Any) -> tuple[str, Array]:
+    """The part that a pressure or traction acts on, and its nodal forces (n,)."""
+    side, d, x = interface.sides[0], interface.dim, interface.points
+    if isinstance(law, lf.Pressure):
+        p = np.broadcast_to(law.p(x) if callable(law.p) else law.p, len(x))
+        t = -p[:, None] * interface.normals
+    else:
+        t = vector(law.t, x, d, "all")
+    return side.substructure, (side.shape.T @ (interface.weights[:, None] * t)).ravel()
+
+
+def given_loads(problem: Any, laws: Laws, time: float | None) -> dict[str, Array]:
+    """Part -> nodal forces (n,) of body forces, pressures and tractions."""
+    now = problem if time is None else problem.at(time)
+    out = {name: np.array(part.load, dtype=np.float64) for name, part in now.substructures.items()}
+    for name, law in laws.items():
+        if isinstance(law, LOADS):
+            part, forces = force_on(problem.interfaces[name], law)
+            out[part] += forces
+    return out
 
 
 class Model:
@@ -375,15 +398,13 @@ class Model:
             out[mine] = inverse @ c[who]
         left = np.abs(self.C @ out - c).max(initial=0.0)
         if left > 1e-9 * np.abs(c).max(initial=0.0):
-            raise Inadmissible("supports contradict one another")
+            raise Contradiction("supports contradict one another")
         return out
 
     def loads(self, laws: Laws, time: float | None) -> Array:
         """Nodal forces (n,) of body forces, pressures, tractions and imposed jumps of assembled springs."""
-        problem = self.problem if time is None else self.problem.at(time)
-        out = np.concatenate([problem.substructures[name].load for name in self.parts])
-        for name in self.loaded:
-            out += self.force_on(name, laws[name])
+        given = given_loads(self.problem, laws, time)
+        out = np.concatenate([given[name] for name in self.parts])
         for name, trace, kappa in self.springs:
             interface = self.problem.interfaces[name]
             delta = vector(laws[name].jump, interface.points, interface.dim, "first")[:, : kappa.shape[1]]
@@ -392,15 +413,9 @@ class Model:
 
     def force_on(self, name: str, law: Any) -> Array:
         """Nodal forces (n,) of one pressure or traction."""
-        interface = self.problem.interfaces[name]
-        side, d, x = interface.sides[0], interface.dim, interface.points
-        if isinstance(law, lf.Pressure):
-            p = np.broadcast_to(law.p(x) if callable(law.p) else law.p, len(x))
-            t = -p[:, None] * interface.normals
-        else:
-            t = vector(law.t, x, d, "all")
         out = np.zeros(self.size)
-        out[self.of_part[side.substructure]] = (side.shape.T @ (interface.weights[:, None] * t)).ravel()
+        part, forces = force_on(self.problem.interfaces[name], law)
+        out[self.of_part[part]] = forces
         return out
 
     # -- one step ----------------------------------------------------------------------------------
@@ -424,6 +439,7 @@ class Model:
         memory: Mapping[str, Any] | None = None,
         start: Mapping[str, tuple[Array, Array]] | None = None,
         near: Mapping[str, Array] | None = None,
+        share: float = 1.0,
     ) -> tuple[Answer, dict[str, Any]]:
         """The answer at one time, and what the next step must remember.
 
@@ -433,14 +449,15 @@ class Model:
             Interface -> force and jump to begin from.
         near
             Part -> displacements (n, 1) to begin from.
+        share
+            Of the loads and of what supports prescribe.
 
         Raises
         ------
         Unsolved
             No answer was found.
         """
-        fixed = self.prescribed(laws)
-        load = self.loads(laws, time)
+        fixed, load = share * self.prescribed(laws), share * self.loads(laws, time)
         right, inside = self.condensed(load - self.matrix @ fixed)
         known = memory or {}
         each = [point_law(r.interface, laws[r.name], time, known.get(r.name)) for r in self.rows]
@@ -462,15 +479,17 @@ class Model:
             u = u + last
         floors = self._floors(newton, u, load, last)
         jump = self.trace @ u
-        forces, jumps = {}, {}
+        forces, jumps, damage = {}, {}, {}
         remembered: dict[str, Any] = {"": newton.y}
         for row, law in zip(self.rows, each, strict=True):
             shape = (-1, row.components)
             forces[row.name] = newton.force[row.rows].reshape(shape)
             jumps[row.name] = jump[row.rows].reshape(shape)
             remembered[row.name] = law.remember(jumps[row.name], forces[row.name])
+            if isinstance(law, Bond):
+                damage[row.name] = law.damage(remembered[row.name])
         fields = {name: u[where][:, None] for name, where in self.of_part.items()}
-        return Answer(fields, floors, forces, jumps), remembered
+        return Answer(fields, floors, forces, jumps, damage), remembered
 
     def _floors(self, newton: _Newton, u: Array, load: Array, corrected: Array) -> dict[str, Array]:
         """What rounding of the terms of equilibrium does to every part."""
@@ -726,22 +745,33 @@ class _Newton:
 
 def histories(
     model: Model,
-    laws_at: Callable[[float], Laws],
-    times: Sequence[float],
+    laws_at: Callable[[float | None], Laws],
+    times: Sequence[float] | None,
     start: Callable[[int], Mapping[str, tuple[Array, Array]]] | None = None,
     near: Sequence[Mapping[str, Array]] | None = None,
+    increments: int = 1,
 ) -> list[Answer]:
-    """One step after the other; each begins from the one before, or from what `start` gives."""
+    """One step after the other; each begins from the one before, or from what `start` gives.
+
+    Parameters
+    ----------
+    times
+        None: one step without a time.
+    increments
+        Of each step, in which the loads grow from those before; of the first one from none.
+    """
     answers: list[Answer] = []
+    last: Answer | None = None
     memory: dict[str, Any] = {}
-    for k, time in enumerate(times):
-        if start is not None:
-            begin: Any = start(k)
-        else:
-            begin = {n: (f, answers[-1].jumps[n]) for n, f in answers[-1].forces.items()} if answers else None
+    for k, time in enumerate([None] if times is None else map(float, times)):
         guess = None if near is None else near[k]
-        answer, memory = model.solve(laws_at(float(time)), float(time), memory, begin, guess)
-        answers.append(answer)
+        begin = None if start is None else start(k)
+        for share in np.arange(1, increments + 1) / increments:
+            now = time if not k or time is None else times[k - 1] + share * (time - times[k - 1])
+            if start is None and last is not None:
+                begin = {n: (f, last.jumps[n]) for n, f in last.forces.items()}
+            last, memory = model.solve(laws_at(now), now, memory, begin, guess, 1.0 if k else share)
+        answers.append(last)
     return answers
 
 

@@ -184,7 +184,7 @@ def test_a_scene_without_an_answer_may_be_refused() -> None:
     free = "lf.Contact()"  # bed and joint open: p1 flies away
     drawn = given("contact", bed=free, load=PULL)
     verdict = judge.one(drawn)
-    assert verdict.outcome in ("refused", "unchecked", "inadmissible"), verdict.what
+    assert verdict.outcome in ("refused", "unjudged", "inadmissible"), verdict.what
 
 
 def test_a_script_says_what_the_campaign_said(capsys: pytest.CaptureFixture[str]) -> None:
