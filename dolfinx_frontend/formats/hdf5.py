@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import importlib
 import io
-import os
+import mmap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, TypeAlias
+from typing import Any, TypeAlias
 from urllib.parse import unquote
 
 import numpy as np
@@ -35,8 +35,8 @@ DAMAGE = (
 _USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
 _DEEPEST = 3
 """Levels of groups below the first, of what this package writes."""
-_TEXTS = 1 << 26
-"""Bytes of texts that are read at once, at most, if one text is no longer than that."""
+_TEXT = np.dtype([("length", "<u4"), ("heap", "<u8"), ("index", "<u4")])
+"""What a data set has of a text: its length, and where it is."""
 
 
 class LayoutError(ValueError):
@@ -91,7 +91,7 @@ def _key(name: str) -> str:
     return name.replace(".", "%2E") if name.strip(".") == "" else name
 
 
-def _seal(file: IO[bytes], form: str) -> bytes:
+def _seal(file: io.BufferedReader | io.BufferedRandom, form: str) -> bytes:
     """What the user block of an HDF5 file says: the SHA-256 of everything after it."""
     file.seek(_USER_BLOCK)
     found = hashlib.file_digest(file, "sha256").hexdigest()
@@ -156,9 +156,11 @@ def read_tree(path: Path, form: str) -> Tree:
         # before the HDF5 library sees the file: on some damaged ones it never returns
         if opened.read(len(wanted)) != wanted:
             raise ValueError("its first line is not the checksum of the rest")
-        size = os.fstat(opened.fileno()).st_size
-    with h5py.File(path, "r") as file:
-        tree: Tree = placed(_Reading(h5py, size).group(file))
+        with (
+            mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content,
+            h5py.File(path, "r") as file,
+        ):
+            tree: Tree = placed(_Reading(h5py, content).group(file))
     return tree
 
 
@@ -169,8 +171,10 @@ class _Reading:
     file: each object is read once, and the bytes of all are counted before there is memory for them.
     """
 
-    def __init__(self, h5py: Any, size: int) -> None:
-        self._h5py, self._size, self._left = h5py, size, size
+    def __init__(self, h5py: Any, content: mmap.mmap) -> None:
+        self._h5py, self._content, self._size, self._left = h5py, content, len(content), len(content)
+        self._heaps: dict[int, dict[int, int]] = {}
+        self._in_heaps = 0
         self._met: set[tuple[int, ...]] = set()
         self._plain = (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
 
@@ -224,12 +228,33 @@ class _Reading:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False  # what is read is handed out
             return value
-        if data.ndim != 1:
-            raise ValueError(f"{key!r} is no list of texts")
-        # how long a text is, is not known before it is read; none is longer than the file
-        texts: list[str] = []
-        step = max(1, _TEXTS // self._size)
-        for begin in range(0, len(data), step):
-            texts += data.asstr()[begin : begin + step].tolist()
-            self._take(sum(map(len, texts[begin:])), key)
-        return texts
+        if self._h5py.check_string_dtype(data.dtype).length is None and data.size:
+            self._check_texts(key, data)
+        return data.asstr()[()].tolist()
+
+    def _check_texts(self, key: str, data: Any) -> None:
+        """HDF5 believes what a data set says of the lengths of its texts, beyond what they have."""
+        begin = data.id.get_offset()
+        if begin is None or begin + _TEXT.itemsize * data.size > self._size:
+            raise ValueError(f"{key!r} is no list of texts in this file")
+        for length, heap, index in np.frombuffer(self._content, _TEXT, data.size, begin).tolist():
+            if length and self._heap(heap).get(index) != length:
+                raise ValueError(f"{key!r} has texts of other lengths than it says")
+            self._take(length, key)
+
+    def _heap(self, address: int) -> dict[int, int]:
+        """Lengths of the objects of a heap of the file, by their numbers (HDF5 file format, III.E)."""
+        if address not in self._heaps:
+            found: dict[int, int] = {}
+            begin = address + _USER_BLOCK
+            head = self._content[begin : begin + 16]
+            end = min(begin + int.from_bytes(head[8:], "little"), self._size) if head[:4] == b"GCOL" else 0
+            self._in_heaps += max(end - begin, 0)
+            if self._in_heaps > self._size:
+                raise ValueError("its heaps lie over each other")
+            at = begin + 16
+            while at + 16 <= end and (index := int.from_bytes(self._content[at : at + 2], "little")):
+                found[index] = int.from_bytes(self._content[at + 8 : at + 16], "little")
+                at += 16 + (found[index] + 7) // 8 * 8
+            self._heaps[address] = found
+        return self._heaps[address]
