@@ -2,8 +2,8 @@
 alone.
 
 UM-Bridge is how programs for uncertainty (MUQ, PyMC, CUQIpy, QMCPy, ...) talk to models: JSON over HTTP, see
-https://um-bridge-benchmarks.readthedocs.io. `python um_bridge.py 4242` serves until it is stopped, this machine
-only; without a port the demo asks itself once, and checks what comes back.
+https://um-bridge-benchmarks.readthedocs.io. `python um_bridge.py 4242` serves this machine until it ends;
+without a port the demo asks itself once, and checks what comes back.
 """
 
 import json
@@ -121,7 +121,7 @@ class Model(BaseHTTPRequestHandler):
         called = [self.headers.get("Host", "")]
         called += [each.partition("://")[2] for each in self.headers.get_all("Origin", [])]
         if any(each.partition(":")[0] not in HOSTS for each in called):
-            raise ValueError(f"Host or Origin: this server is {HOSTS[0]}:{server.server_port}, and nothing else")
+            raise ValueError(f"Host or Origin: the name of this server is {HOSTS[0]}:{server.server_port}")
         try:
             found = json.loads(sent or "{}")
         except (ValueError, RecursionError):
@@ -179,7 +179,7 @@ print(f"serving {f} at http://localhost:{server.server_port}", flush=True)
 if port:
     server.serve_forever()
 
-# --- without a port: a client, as any of these programs would be ----------------------------------------------
+# --- without a port: a client, as any of these programs would be --------------------------------------------
 threading.Thread(target=server.serve_forever, daemon=True).start()
 
 

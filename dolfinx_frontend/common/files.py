@@ -32,8 +32,8 @@ def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
     """A new file beside the target, which takes its place when the context ends without an error.
 
     All or nothing: an existing file stays until the new one is complete on the disk. The new one has
-    its permissions; a link stays a link, to the new file. It is there, empty, under a random name that nothing
-    had before: nobody can have put a link in its place.
+    its permissions; a link stays a link, to the new file. It is there, empty, under a random name that
+    nothing had before: nobody can have put a link in its place.
 
     Raises
     ------

@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 _PROGRAM = Path(__file__).with_name("worker.py")
 
 TIMEOUT = 600.0
-"""Seconds after which reading or meshing is given up unless something else is said: sound files take a few."""
+"""Seconds after which reading or meshing is given up if nothing is said: sound files take a few."""
 
 _SIGNALS: dict[int, str] = {
     signal.SIGSEGV: "a segmentation fault",
@@ -75,8 +75,8 @@ def alone(file: Path, name: str) -> Iterator[Path]:
                 shutil.copyfileobj(given, target)
         except OSError as error:
             raise SceneError(
-                f"{file.name!r} cannot be read or copied to {folder} ({error}); check its permissions, and the "
-                "room in the folder of temporary files"
+                f"{file.name!r} cannot be read or copied to {folder} ({error}); check its permissions, and "
+                "the room in the folder of temporary files"
             ) from error
         if packed:
             raise SceneError(f"{file.name!r} is compressed (gzip); unpack it")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -99,8 +99,8 @@ class Exchange:
         text = plain_text(path)
         if "END-ISO-10303-21" not in text[-4096:]:
             raise SceneError(
-                f"{name or path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so that "
-                "a part of it may be missing; export or copy it again"
+                f"{name or path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so "
+                "that a part of it may be missing; export or copy it again"
             )
         statements = [(m.start(1), m[1].rstrip()) for m in _STATEMENT.finditer(text)]
         begin = next((k + 1 for k, (_, each) in enumerate(statements) if _DATA.fullmatch(each)), 0)
@@ -187,7 +187,7 @@ class Exchange:
                     ready.append(each)
             if places[definition] > _MOST_PLACES:
                 raise SceneError(
-                    f"a product is in {places[definition]} places of the assembly; export a smaller part of it"
+                    f"a product is in {places[definition]} places of the assembly; export a part of it"
                 )
         return {definition: places[definition] for definition in ready}
 
@@ -218,7 +218,8 @@ class Exchange:
             if len(ends) >= 2 and shapes.get(ends[0]):
                 definition = shapes[ends[0]][0]
                 shape_of[ends[1]] = self._name(definition), self.places.get(definition, 1)
-        out = {number: one for number, one in shape_of.items() if not self._is_shape(number)}  # whatever was in it
+        # what is none may have been anything
+        out = {number: one for number, one in shape_of.items() if not self._is_shape(number)}
         held: dict[int, tuple[str, int]] = {}
         for number, one in shape_of.items():
             held |= dict.fromkeys((number, *linked.get(number, ())), one)

@@ -7,8 +7,7 @@ which would start MPI in that process.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry.away import alone
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.meshing import OPTIONS, generate
 from dolfinx_frontend.geometry.session import gmsh_session
@@ -45,12 +43,6 @@ class Source:
     imprint: bool
     tolerance: float | None
     partial: bool
-
-    @contextmanager
-    def copied(self) -> Iterator[Source]:
-        """As :func:`alone`."""
-        with alone(self.path, "file.step") as copy:
-            yield replace(self, path=copy)
 
 
 @dataclass(frozen=True)
@@ -159,8 +151,7 @@ def mesh_file(say: Say, path: Path) -> Meshed:
     with path.open("rb") as file:
         if _BEGIN.match(file.read(64)) is None:
             raise SceneError(
-                "it does not begin as a mesh of gmsh ($MeshFormat, version 2.2 or 4.1); write it with gmsh as "
-                "Version 4 or Version 2"
+                "it does not begin as a mesh of gmsh ($MeshFormat, version 2.2 or 4.1); write it so"
             )
     say("reading the mesh")
     with gmsh_session("file") as gmsh:

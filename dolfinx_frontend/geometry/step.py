@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -39,7 +40,7 @@ from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name, warn
 from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.geometry.away import TIMEOUT, away, check_timeout
+from dolfinx_frontend.geometry.away import TIMEOUT, alone, away, check_timeout
 from dolfinx_frontend.geometry.gmsh import assembled
 from dolfinx_frontend.geometry.meshing import FLAT, some
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
@@ -327,7 +328,7 @@ class StepAssembly:
             while True:
                 recipe = Recipe(self.solids, faces, sizes, local, per_turn, order)
                 try:
-                    with self._source.copied() as source:
+                    with _copied(self._source) as source:
                         model = away(
                             "mesh",
                             self.path,
@@ -501,14 +502,15 @@ def read_step(
     if not is_file(file):
         raise SceneError(f"there is no STEP file {str(path)!r}; check the name")
     source = Source(file.absolute(), file.name, planes, imprint, tolerance, partial)
-    with source.copied() as copy:
+    with _copied(source) as copy:
         found: Survey = away(
             "survey", file, "cannot be read as STEP", "export it again", timeout, source=copy, gap=gap
         )
     if found.outside:
+        others = ", ".join(map(repr, found.outside))
         warn(
-            f"{file.name!r} refers to other files, which are not opened ({', '.join(map(repr, found.outside))}); "
-            "export the assembly as one file",
+            f"{file.name!r} refers to other files, which are not opened ({others}); export the assembly as "
+            "one file",
             SceneWarning,
         )
     if found.lost:
@@ -518,6 +520,13 @@ def read_step(
         )
     touches = {t.name: t for t in found.touches}
     return StepAssembly(file, found.solids, touches, found.gap, source, _alone=found.alone)
+
+
+@contextmanager
+def _copied(source: Source) -> Iterator[Source]:
+    """The source with a copy of its file, see :func:`alone`."""
+    with alone(source.path, "file.step") as copy:
+        yield replace(source, path=copy)
 
 
 @dataclass(frozen=True)
@@ -533,7 +542,7 @@ class _MeshedAgain:
     def __call__(self, size: SizeField | None) -> Part:
         if size is None:
             raise SceneError(f"part {self.part!r}: step.mesh() makes its first mesh; give a SizeField")
-        with self.source.copied() as source:
+        with _copied(self.source) as source:
             model = away(
                 "mesh",
                 self.path,

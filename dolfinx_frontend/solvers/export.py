@@ -71,7 +71,7 @@ class _Matrices:
         return self._known[id(matrix)]
 
     def _write(self, matrix: Any) -> None:
-        # not PETSc's viewer: it swaps the bytes of the matrix itself, and leaves them so where it cannot write
+        # not PETSc's viewer: it swaps the bytes of the matrix itself, and leaves them so on a full disk
         name = f"matrices/{len(self.files):04d}.petsc"
         rows = matrix.tocsr() if sp.issparse(matrix) else csr(matrix)
         head = (_FILE_CLASSID, *rows.shape, rows.nnz)

@@ -1,7 +1,7 @@
-"""Every reader, given what is no file of its own: one sentence that names the file and the fix, or the right content.
+"""Every reader, given what is no file of its own: a sentence that names the file and the fix, or its content.
 
-What is in a file is data. Nothing that it holds is executed, waited for, or believed before it is compared with
-the size of the file.
+What is in a file is data. Nothing that it holds is executed, waited for, or believed before it is compared
+with the size of the file.
 """
 
 from __future__ import annotations
@@ -392,7 +392,7 @@ ENDLESS = "with recursive c(n, a) as (values(1, x'00') union all select n + 1, a
         f"create trigger t before insert on header begin insert into point {ENDLESS}; end",
         "create index i on point(arrays)",
         "create table more(x)",
-        "drop table point; create table point (number integer primary key, arrays blob check (hex(arrays) > 1))",
+        "drop table point; create table point (number integer primary key, arrays blob check (1))",
     ],
 )
 def test_databases_that_would_run_something(strange: str, folder: Path) -> None:
@@ -402,7 +402,7 @@ def test_databases_that_would_run_something(strange: str, folder: Path) -> None:
     with closing(sqlite3.connect(path)) as db:
         db.executescript(strange)
     before = path.read_bytes()
-    with pytest.raises(CheckpointError, match="points is a database of another program .its tables: .*: give"):
+    with pytest.raises(CheckpointError, match="is a database of another program .its tables: .*: give"):
         read_checkpoint(path)
     assert path.read_bytes() == before
 

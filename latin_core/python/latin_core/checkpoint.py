@@ -70,8 +70,8 @@ _in_use_guard = threading.Lock()
 
 
 def _digest(number: int, arrays: bytes, run: str = "") -> bytes:
-    """Checksum of a point of a run (its header): the database itself does not notice a changed number or byte,
-    or the point of another problem."""
+    """Checksum of a point of a run (its header): the database itself does not notice a changed number or
+    byte, or the point of another problem."""
     return hashlib.sha256(b"%d:" % number + run.encode() + arrays).digest()
 
 
@@ -319,8 +319,8 @@ class Checkpoint:
                 journal.seek(-min(len(_JOURNAL_OF_SEVERAL), os.path.getsize(beside)), os.SEEK_END)
                 if journal.read() == _JOURNAL_OF_SEVERAL:
                     raise CheckpointError(
-                        f"checkpoint {self.path} has a journal beside it, {beside}, that names another file, as "
-                        "those of no run do: move both away"
+                        f"checkpoint {self.path} has a journal beside it, {beside}, that names another file, "
+                        "as those of no run do: move both away"
                     )
         return sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
 
