@@ -12,6 +12,7 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.interrupts import keep_broken_pipes as _keep_broken_pipes
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
@@ -83,6 +84,8 @@ from dolfinx_frontend.uncertainty.parameters import (
 from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
 from latin_core import Options
 from latin_core import __version__ as __version__
+
+_keep_broken_pipes()
 
 __all__ = [
     "Amplitude",

@@ -9,11 +9,14 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
-__all__ = ["FileError", "is_file", "made_folder", "replaced", "write_text"]
+from dolfinx_frontend.common.errors import SceneError
+
+__all__ = ["FileError", "is_file", "made_folder", "opened", "replaced", "write_text"]
 
 
-class FileError(ValueError):
+class FileError(SceneError):
     """A file that cannot be read or written; the message names it."""
 
 
@@ -29,7 +32,8 @@ def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
     """A new file beside the target, which takes its place when the context ends without an error.
 
     All or nothing: an existing file stays until the new one is complete on the disk. The new one has
-    its permissions; a link stays a link, to the new file.
+    its permissions; a link stays a link, to the new file. It is there, empty, under a random name that
+    nothing had before: nobody can have put a link in its place.
 
     Raises
     ------
@@ -48,6 +52,7 @@ def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
             raise OSError("it is a pipe, a socket or a device, not a file")
         if before is not None and not os.access(real, os.W_OK):
             raise PermissionError("it is write-protected")
+        temporary.open("xb").close()
     except (OSError, UnicodeError) as error:
         raise _refused(target, error, kind) from error
     try:
@@ -92,6 +97,22 @@ def made_folder(folder: Path) -> Path:
         text = f"the folder {folder} cannot be made ({error}): choose one that is writable"
         raise FileError(text) from error
     return folder
+
+
+def opened(path: Path) -> IO[bytes]:
+    """A file to be read.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, or is no file: a pipe or a device may have no end.
+    """
+    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    file = os.fdopen(number, "rb")
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        file.close()
+        raise OSError("it is a pipe, a socket or a device, not a file")
+    return file
 
 
 def is_file(path: Path) -> bool:

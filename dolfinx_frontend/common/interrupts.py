@@ -15,12 +15,22 @@ from typing import Any, Self
 
 import numpy as np
 
-__all__ = ["Interrupt", "Interrupted", "late", "pressed", "stop_if_pressed"]
+__all__ = ["Interrupt", "Interrupted", "keep_broken_pipes", "late", "pressed", "stop_if_pressed"]
 
 TWICE = 2.0
 """Seconds within which a second Ctrl-C raises, in whatever call it comes."""
 
 _last_press = -np.inf
+
+
+def keep_broken_pipes() -> None:
+    """What writes to a reader that has gone away gets an exception, as everywhere in Python.
+
+    PETSc's handler of signals, which comes with its import, would end this process and all other ranks.
+    """
+    before = signal.getsignal(signal.SIGPIPE)  # Python's, which does not know of PETSc's
+    if before is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGPIPE, before)
 
 
 class Interrupted(KeyboardInterrupt):

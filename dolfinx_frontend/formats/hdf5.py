@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import io
+import mmap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,10 @@ DAMAGE = (
 )
 
 _USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
+_DEEPEST = 3
+"""Levels of groups below the first, of what this package writes."""
+_TEXT = np.dtype([("length", "<u4"), ("heap", "<u8"), ("index", "<u4")])
+"""What a data set has of a text: its length, and where it is."""
 
 
 class LayoutError(ValueError):
@@ -86,27 +91,17 @@ def _key(name: str) -> str:
     return name.replace(".", "%2E") if name.strip(".") == "" else name
 
 
-def _digest(path: Path, form: str) -> bytes:
+def _seal(file: io.BufferedReader | io.BufferedRandom, form: str) -> bytes:
     """What the user block of an HDF5 file says: the SHA-256 of everything after it."""
-    with path.open("rb") as file:
-        file.seek(_USER_BLOCK)
-        found = hashlib.file_digest(file, "sha256").hexdigest()
+    file.seek(_USER_BLOCK)
+    found = hashlib.file_digest(file, "sha256").hexdigest()
+    file.seek(0)
     return f"{form} sha256 {found}\n".encode()
 
 
 def seal(path: Path, form: str) -> None:
-    line = _digest(path, form)
     with path.open("r+b") as file:
-        file.write(line)
-
-
-def _check_seal(path: Path, form: str) -> None:
-    """Before the HDF5 library sees the file: on some damaged ones it never returns."""
-    wanted = _digest(path, form)
-    with path.open("rb") as file:
-        found = file.read(len(wanted))
-    if found != wanted:
-        raise ValueError("its first line is not the checksum of the rest")
+        file.write(_seal(file, form))
 
 
 def write_tree(path: Path, head: Tree, tree: Tree) -> None:
@@ -156,37 +151,110 @@ def read_tree(path: Path, form: str) -> Tree:
         What is asked for and is not there raises :class:`LayoutError` with its place.
     """
     h5py = h5py_module()
-    plain = (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
+    with path.open("rb") as opened:
+        wanted = _seal(opened, form)
+        # before the HDF5 library sees the file: on some damaged ones it never returns
+        if opened.read(len(wanted)) != wanted:
+            raise ValueError("its first line is not the checksum of the rest")
+        with (
+            mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content,
+            h5py.File(path, "r") as file,
+        ):
+            tree: Tree = placed(_Reading(h5py, content).group(file))
+    return tree
 
-    def text(value: Any) -> Any:
-        return value.decode() if isinstance(value, bytes) else value
 
-    def get(group: Any, depth: int = 0) -> Tree:
-        node: Tree = {key: text(value) for key, value in group.attrs.items()}
+class _Reading:
+    """What is read of a file, which is a tree whose contents take no more room than the file.
+
+    Links that lead to one object twice, and data sets and texts that share bytes, would make much of a small
+    file: each object is read once, and the bytes of all are counted before there is memory for them.
+    """
+
+    def __init__(self, h5py: Any, content: mmap.mmap) -> None:
+        self._h5py, self._content, self._size, self._left = h5py, content, len(content), len(content)
+        self._heaps: dict[int, dict[int, int]] = {}
+        self._in_heaps = 0
+        self._met: set[tuple[int, ...]] = set()
+        self._plain = (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
+
+    def group(self, group: Any, depth: int = 0) -> Tree:
+        """Attributes, and what is in the group."""
+        self._meet(group)
+        node: Tree = {key: self._attribute(group, key) for key in group.attrs}
         for key in group:
-            name = unquote(key)
-            if depth > 3 or not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            if depth > _DEEPEST or not isinstance(group.get(key, getlink=True), self._h5py.HardLink):
                 raise ValueError(f"a link that does not belong there: {key!r}")
             child = group[key]
-            if isinstance(child, h5py.Group):
-                node[name] = get(child, depth + 1)
-                continue
-            stored = child.id.get_create_plist()
-            if stored.get_layout() not in plain or stored.get_external_count():
-                raise ValueError(f"{key!r} is not stored in one piece in this file")
-            if child.nbytes > most:
-                raise ValueError(f"{key!r} is larger than the file")
-            if h5py.check_string_dtype(child.dtype) is not None:
-                node[name] = child.asstr()[()].tolist()
+            if isinstance(child, self._h5py.Group):
+                node[unquote(key)] = self.group(child, depth + 1)
+            elif isinstance(child, self._h5py.Dataset):
+                self._meet(child)
+                node[unquote(key)] = self._values(key, child)
             else:
-                value = child[()]
-                if isinstance(value, np.ndarray):
-                    value.flags.writeable = False  # what is read is handed out
-                node[name] = value
+                raise ValueError(f"{key!r} is neither numbers nor texts")
         return node
 
-    _check_seal(path, form)
-    most = path.stat().st_size
-    with h5py.File(path, "r") as file:
-        tree: Tree = placed(get(file))
-    return tree
+    def _meet(self, item: Any) -> None:
+        info = self._h5py.h5o.get_info(item.id)
+        if info.addr in self._met:
+            raise ValueError(f"two links lead to {item.name!r}")
+        self._met.add(info.addr)
+
+    def _take(self, count: int, what: str) -> None:
+        self._left -= count
+        if self._left < 0:
+            raise ValueError(f"with {what!r} it is larger than the file, of {self._size} bytes")
+
+    def _attribute(self, group: Any, key: str) -> Any:
+        if group.attrs.get_id(key).shape != ():
+            raise ValueError(f"{key!r} is no single text or number")
+        value = group.attrs[key]
+        if isinstance(value, bytes):
+            value = value.decode()
+        self._take(len(value) if isinstance(value, str) else 8, key)
+        return value
+
+    def _values(self, key: str, data: Any) -> Any:
+        stored = data.id.get_create_plist()
+        if stored.get_layout() not in self._plain or stored.get_external_count():
+            raise ValueError(f"{key!r} is not stored in one piece in this file")
+        self._take(data.nbytes, key)
+        if self._h5py.check_string_dtype(data.dtype) is None:
+            begin = data.id.get_offset() or 0
+            if data.dtype.kind not in "biuf" or not begin + data.id.get_storage_size() <= self._size:
+                raise ValueError(f"{key!r} is no array of numbers in this file")
+            value = data[()]
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False  # what is read is handed out
+            return value
+        if self._h5py.check_string_dtype(data.dtype).length is None and data.size:
+            self._check_texts(key, data)
+        return data.asstr()[()].tolist()
+
+    def _check_texts(self, key: str, data: Any) -> None:
+        """HDF5 believes what a data set says of the lengths of its texts, beyond what they have."""
+        begin = data.id.get_offset()
+        if begin is None or begin + _TEXT.itemsize * data.size > self._size:
+            raise ValueError(f"{key!r} is no list of texts in this file")
+        for length, heap, index in np.frombuffer(self._content, _TEXT, data.size, begin).tolist():
+            if length and self._heap(heap).get(index) != length:
+                raise ValueError(f"{key!r} has texts of other lengths than it says")
+            self._take(length, key)
+
+    def _heap(self, address: int) -> dict[int, int]:
+        """Lengths of the objects of a heap of the file, by their numbers (HDF5 file format, III.E)."""
+        if address not in self._heaps:
+            found: dict[int, int] = {}
+            begin = address + _USER_BLOCK
+            head = self._content[begin : begin + 16]
+            end = min(begin + int.from_bytes(head[8:], "little"), self._size) if head[:4] == b"GCOL" else 0
+            self._in_heaps += max(end - begin, 0)
+            if self._in_heaps > self._size:
+                raise ValueError("its heaps lie over each other")
+            at = begin + 16
+            while at + 16 <= end and (index := int.from_bytes(self._content[at : at + 2], "little")):
+                found[index] = int.from_bytes(self._content[at + 8 : at + 16], "little")
+                at += 16 + (found[index] + 7) // 8 * 8
+            self._heaps[address] = found
+        return self._heaps[address]

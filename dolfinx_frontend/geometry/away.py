@@ -6,23 +6,29 @@ import json
 import logging
 import math
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 from typing import Any, IO
 
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.files import opened
 
-__all__ = ["away", "check_timeout"]
+__all__ = ["TIMEOUT", "alone", "away", "check_timeout"]
 
 _log = logging.getLogger(__name__)
 
 _PROGRAM = Path(__file__).with_name("worker.py")
+
+TIMEOUT = 600.0
+"""Seconds after which reading or meshing is given up if nothing is said: sound files take a few."""
 
 _SIGNALS: dict[int, str] = {
     signal.SIGSEGV: "a segmentation fault",
@@ -48,12 +54,41 @@ def check_timeout(timeout: float | None) -> None:
         raise SceneError(f"timeout = {timeout!r} must be positive seconds, or None")
 
 
+@contextmanager
+def alone(file: Path, name: str) -> Iterator[Path]:
+    """A copy of a file under another name, alone in a folder that nobody else can write to.
+
+    gmsh executes what it takes for a script by its name or its beginning, and ``NAME.opt`` beside any file;
+    OpenCASCADE looks for other files beside a STEP file. So neither sees the path of a user, and what is
+    checked of the copy is what is read.
+
+    Raises
+    ------
+    SceneError
+        It cannot be read or copied, or is compressed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, name)
+        try:
+            with opened(file) as given, copy.open("xb") as target:
+                packed = given.peek(2)[:2] == b"\x1f\x8b"  # type: ignore[attr-defined]
+                shutil.copyfileobj(given, target)
+        except OSError as error:
+            raise SceneError(
+                f"{file.name!r} cannot be read or copied to {folder} ({error}); check its permissions, and "
+                "the room in the folder of temporary files"
+            ) from error
+        if packed:
+            raise SceneError(f"{file.name!r} is compressed (gzip); unpack it")
+        yield copy
+
+
 def away(
     task: str,
     file: Path,
     failed: str,
     remedy: str,
-    timeout: float | None = None,
+    timeout: float | None = TIMEOUT,
     each: Callable[[str], None] | None = None,
     **arguments: Any,
 ) -> Any:
@@ -123,7 +158,8 @@ def away(
         raise _told(state, answer, file, f"{failed}, while {stage}", remedy)
     if expired.is_set():
         raise SceneError(
-            f"{file.name!r} {failed}: gmsh was still {stage} after timeout = {timeout:g} s; {remedy}"
+            f"{file.name!r} {failed}: gmsh was still {stage} after timeout = {timeout:g} s; {remedy}, or "
+            "give more"
         )
     _log.debug("the other process said: %s", words)
     how = _SIGNALS.get(-code, f"signal {-code}") if code < 0 else f"exit code {code}"

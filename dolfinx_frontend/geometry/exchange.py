@@ -15,11 +15,18 @@ from pathlib import Path
 
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Exchange"]
+__all__ = ["Exchange", "closed"]
 
-_INSTANCE = re.compile(r"#(\d{1,12})\s*=\s*((?:[^';]++|'[^']*+')*+);")
-_COMMENT = re.compile(r"('[^']*+')|/\*.*?\*/", re.DOTALL)
-_BETWEEN = re.compile(r"\s*(ENDSEC\s*;\s*DATA\s*(\([^;]*\))?\s*;\s*)*")
+# All of these are found in a time that grows with the length of the text, whatever is in it.
+_STATEMENT = re.compile(r"\s*+((?:[^';]++|'[^']*+'|')*+)(?:;|\Z)")
+_INSTANCE = re.compile(r"#(\d{1,12})\s*+=\s*+(.*)", re.DOTALL)
+_DATA = re.compile(r"DATA\s*+(\(.*\)\s*)?", re.DOTALL)
+_COMMENT = re.compile(r"('[^']*+')|/\*.*?(?:\*/|\Z)", re.DOTALL)
+_OUTSIDE = re.compile(
+    r"\b(DOCUMENT_FILE|DCMFL|(APPLIED_)?EXTERNAL_IDENTIFICATION_ASSIGNMENT|AEIA|EXTERNAL_SOURCE|EXTSRC)\b",
+    re.IGNORECASE,
+)
+"""Entities, by their long and short names, in which the names of other files are."""
 _SYNTAX = re.compile(r"\(?[\s!]*[A-Z][A-Z0-9_]*\s*\([A-Z0-9_#$*.,()+\-\s\"!'e]*\)\s*")
 _KEYWORD = re.compile(r"\(?\s*([A-Z_0-9]+)")
 _REFERENCE = re.compile(r"#(\d{1,12})")
@@ -39,6 +46,32 @@ _NO_SOLIDS = frozenset(
 )
 
 
+_MOST_PLACES = 100_000
+"""Places of a product in its assemblies, at most: some thousand are what gmsh can be asked to mesh."""
+
+
+def plain_text(path: Path) -> str:
+    """The text of a file without its comments, but with their lines."""
+    text = path.read_text(encoding="latin-1")
+    return _COMMENT.sub(lambda m: m[1] or "\n" * m[0].count("\n"), text) if "/*" in text else text
+
+
+def closed(path: Path) -> tuple[str, ...]:
+    """Make a file name no other files: OpenCASCADE would open them. What it named, without what is empty."""
+    text = plain_text(path)
+    if not _OUTSIDE.search(text):
+        return ()
+    names, parts = list[str](), list[str]()
+    for m in _STATEMENT.finditer(text):
+        if _OUTSIDE.search(_TEXT.sub("''", m[0])):
+            names += [each for each in _TEXT.findall(m[0]) if each.strip()]
+            parts.append(_TEXT.sub("''", m[0]))
+        else:
+            parts.append(m[0])
+    path.write_text("".join(parts), encoding="latin-1")
+    return tuple(dict.fromkeys(names))
+
+
 @dataclass(frozen=True)
 class Exchange:
     """What is in a file.
@@ -55,42 +88,43 @@ class Exchange:
     flaws: tuple[str, ...] = ()
 
     @staticmethod
-    def of(path: Path) -> Exchange:
-        """The instances of a file, as far as they can be told apart.
+    def of(path: Path, name: str = "") -> Exchange:
+        """The instances of a file, as far as they can be told apart; `name`: what messages call it.
 
         Raises
         ------
         SceneError
             The file has no end.
         """
-        text = path.read_text(encoding="latin-1")
+        text = plain_text(path)
         if "END-ISO-10303-21" not in text[-4096:]:
             raise SceneError(
-                f"{path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so that a "
-                "part of it may be missing; export or copy it again"
+                f"{name or path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so "
+                "that a part of it may be missing; export or copy it again"
             )
-        if "/*" in text:  # comments, but not their lines
-            text = _COMMENT.sub(lambda m: m[1] or "\n" * m[0].count("\n"), text)
-        begin = re.search(r"\bDATA\s*(\([^;]*\))?\s*;", text)
-        end = text.rfind("ENDSEC")
+        statements = [(m.start(1), m[1].rstrip()) for m in _STATEMENT.finditer(text)]
+        begin = next((k + 1 for k, (_, each) in enumerate(statements) if _DATA.fullmatch(each)), 0)
         instances: dict[int, str] = {}
         wrong = []
-        at = begin.end() if begin else 0
-        for m in _INSTANCE.finditer(text, at, end if end > at else len(text)):
-            plain = _TEXT.sub("''", m[2]) if "'" in m[2] else m[2]
-            if not _BETWEEN.fullmatch(text, at, m.start()):
+        for at, each in statements[begin:]:
+            if each.startswith("END-ISO-10303-21"):
+                break
+            if not each or each == "ENDSEC" or _DATA.fullmatch(each):
+                continue
+            m = _INSTANCE.fullmatch(each)
+            if m is None:
                 wrong.append(at)
+                continue
+            plain = _TEXT.sub("''", m[2]) if "'" in m[2] else m[2]
             if int(m[1]) in instances or not _SYNTAX.fullmatch(plain) or plain.count("(") != plain.count(")"):
-                wrong.append(m.start())
+                wrong.append(at)
             instances[int(m[1])] = m[2]
-            at = m.end()
-        if end > at and not _BETWEEN.fullmatch(text, at, end):
-            wrong.append(at)
-        lines = [text.count("\n", 0, at + len(text[at:]) - len(text[at:].lstrip())) + 1 for at in wrong[:3]]
-        flaws = [f"line {line} is damaged" for line in lines]
+        flaws = [f"line {text.count(chr(10), 0, at) + 1} is damaged" for at in wrong[:3]]
         if len(wrong) > len(flaws):
             flaws.append(f"{len(wrong) - len(flaws)} more lines are")
-        return Exchange(instances, tuple(flaws))
+        exchange = Exchange(instances, tuple(flaws))
+        _ = exchange.places  # refuses what OpenCASCADE would be lost in
+        return exchange
 
     @cached_property
     def _by_keyword(self) -> dict[str, list[int]]:
@@ -123,16 +157,47 @@ class Exchange:
         return ""
 
     @cached_property
+    def places(self) -> dict[int, int]:
+        """Number of a definition -> how often it is there: in each place of each assembly that uses it.
+
+        Each is counted once, after all that use it. One that nothing uses is left out, and so are those in a
+        circle, which only a damaged file has.
+
+        Raises
+        ------
+        SceneError
+            More places than anybody means.
+        """
+        uses: dict[int, list[int]] = {}
+        for use in self._all(["NEXT_ASSEMBLY_USAGE_OCCURRENCE"]):
+            if len(ends := self._references(use)) >= 2:
+                uses.setdefault(ends[1], []).append(ends[0])
+        within: dict[int, list[int]] = {}
+        for definition, above in uses.items():
+            for each in above:
+                within.setdefault(each, []).append(definition)
+        waits = {definition: len(above) for definition, above in uses.items()}
+        places = dict.fromkeys(within.keys() - uses.keys(), 1)
+        ready = list(places)
+        for definition in ready:  # which grows
+            for each in within.get(definition, ()):
+                places[each] = places.get(each, 0) + places[definition]
+                waits[each] -= 1
+                if waits[each] == 0:
+                    ready.append(each)
+            if places[definition] > _MOST_PLACES:
+                raise SceneError(
+                    f"a product is in {places[definition]} places of the assembly; export a part of it"
+                )
+        return {definition: places[definition] for definition in ready}
+
+    @cached_property
     def solids(self) -> dict[int, tuple[str, int]]:
         """Number of a solid -> name of its product, and how often an assembly has it.
 
         A shape that is not there is counted as one. Solids that nothing refers to belong to no product.
         """
         shapes = {n: self._references(n)[:1] for n in self._all(["PRODUCT_DEFINITION_SHAPE"])}
-        uses: dict[int, list[int]] = {}
-        for use in self._all(["NEXT_ASSEMBLY_USAGE_OCCURRENCE"]):
-            if len(ends := self._references(use)) >= 2:
-                uses.setdefault(ends[1], []).append(ends[0])
         # a representation of a part may be linked to the one that its product names
         linked: dict[int, set[int]] = {}
         for relation in self._all(["SHAPE_REPRESENTATION_RELATIONSHIP"]):
@@ -147,17 +212,19 @@ class Exchange:
                 keyword = _KEYWORD.match(self.instances.get(item, ""))
                 if keyword is None or keyword[1] not in _NO_SOLIDS:
                     solids.add(item)
-        out: dict[int, tuple[str, int]] = {}
+        shape_of: dict[int, tuple[str, int]] = {}
         for link in self._all(["SHAPE_DEFINITION_REPRESENTATION"]):
             ends = self._references(link)
-            if len(ends) < 2 or not shapes.get(ends[0]):
-                continue
-            definition = shapes[ends[0]][0]
-            one = self._name(definition), self._count(definition, uses, ())
-            if not self._is_shape(ends[1]):  # whatever was in it
-                out[ends[1]] = one
-            for representation in (ends[1], *linked.get(ends[1], ())):
-                out |= {item: one for item in self._references(representation) if item in solids}
+            if len(ends) >= 2 and shapes.get(ends[0]):
+                definition = shapes[ends[0]][0]
+                shape_of[ends[1]] = self._name(definition), self.places.get(definition, 1)
+        # what is none may have been anything
+        out = {number: one for number, one in shape_of.items() if not self._is_shape(number)}
+        held: dict[int, tuple[str, int]] = {}
+        for number, one in shape_of.items():
+            held |= dict.fromkeys((number, *linked.get(number, ())), one)
+        for representation, one in held.items():
+            out |= {item: one for item in self._references(representation) if item in solids}
         # in a damaged file nothing may be left of a product but its solids
         used = set().union(*self._all_references.values())
         for representation in self._all(_OF_SOLIDS):
@@ -176,32 +243,26 @@ class Exchange:
             k is not None and (k[1] in _SOLIDS or k[1] == "MAPPED_ITEM") for k in kinds
         )
 
-    def _count(self, definition: int, uses: Mapping[int, list[int]], above: tuple[int, ...]) -> int:
-        """How often a definition is there: once, or in each place of each assembly that uses it."""
-        if definition in above:  # a circle: the file is damaged
-            return 1
-        places = uses.get(definition, [])
-        return sum(self._count(p, uses, (*above, definition)) for p in places) if places else 1
-
     def broken(self) -> dict[int, int]:
         """Solids that need an instance which the file does not have: number -> number of that instance."""
+        needed_by: dict[int, list[int]] = {}
+        for number, references in self._all_references.items():
+            for other in references:
+                needed_by.setdefault(other, []).append(number)
+        lacks = {number: number for number in needed_by.keys() - self.instances.keys()}
+        left = list(lacks)
+        for number in left:  # which grows
+            for above in needed_by.get(number, ()):
+                if above not in lacks:
+                    lacks[above] = lacks[number]
+                    left.append(above)
         out = {}
-        sound: set[int] = set()  # instances that need nothing that is missing
         for solid in self.solids:
-            seen, left = {solid}, [solid]
             keyword = _KEYWORD.match(self.instances.get(solid, ""))
             if keyword is None or keyword[1] not in _SOLIDS:
                 out[solid] = solid
-            while left and solid not in out:
-                for other in self._references(left.pop()):
-                    if other not in self.instances:
-                        out[solid] = other
-                        break
-                    if other not in seen and other not in sound:
-                        seen.add(other)
-                        left.append(other)
-            if solid not in out:
-                sound |= seen
+            elif solid in lacks:
+                out[solid] = lacks[solid]
         return out
 
     def lost(self, found: Iterable[str]) -> list[str]:

@@ -17,7 +17,7 @@ from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, v
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import is_file
-from dolfinx_frontend.geometry.away import away
+from dolfinx_frontend.geometry.away import TIMEOUT, alone, away
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.parts import NO_FACETS, Assembly, Part, exterior_facets, tagged
 from dolfinx_frontend.geometry.session import gmsh_session
@@ -178,10 +178,11 @@ def _check_faces(
         claimed = np.concatenate([claimed, facets])
 
 
-def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None = None) -> Assembly:
+def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None = TIMEOUT) -> Assembly:
     """The parts of a gmsh file with physical groups, see :func:`from_gmsh`.
 
-    The file is read in a process of its own: a damaged one may end it.
+    MSH 2.2 and 4.1, text or binary. A copy of the file is read in a process of its own: a damaged one may end
+    it, and gmsh executes what is no mesh, or has a certain name beside one.
 
     Parameters
     ----------
@@ -199,10 +200,11 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
     """
     file = checked_path("read_msh", path)
     if not is_file(file):
-        raise SceneError(f"there is no mesh file {str(path)!r}")
-    model: Meshed = away(
-        "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=file.absolute()
-    )
+        raise SceneError(f"there is no mesh file {str(path)!r}; check the name")
+    with alone(file, "file.msh") as copy:
+        model: Meshed = away(
+            "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=copy
+        )
     try:
         return assembled(model, gdim)
     except SceneError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,8 +73,15 @@ def meshed(model: Any) -> Meshed:
                 f"the face {name!r} belongs to no part; the parts are: {', '.join(cells)}"
             )
     tags, x, _ = model.mesh.getNodes()
-    row = np.full(int(tags.max(initial=0)) + 2, -1, dtype=np.int64)
-    row[tags.astype(np.int64)] = np.arange(tags.size)
+    order = np.argsort(tags)
+    ordered = tags[order]
+
+    def row(nodes: Any) -> Ints:
+        """Row in `x` of each node, -1 for what is none; numbers of nodes may have gaps, and be large."""
+        at = np.minimum(np.searchsorted(ordered, nodes), tags.size - 1)
+        found: Ints = np.where(ordered[at] == nodes, order[at], -1) if tags.size else np.full(nodes.shape, -1)
+        return found
+
     x = np.array(x, dtype=np.float64).reshape(-1, 3)
     kinds: dict[int, str] = {}
 
@@ -100,7 +107,13 @@ def meshed(model: Any) -> Meshed:
 
 
 def _elements(
-    model: Any, dim: int, entities: Sequence[int], row: Ints, x: Array, kinds: dict[int, str], where: str
+    model: Any,
+    dim: int,
+    entities: Sequence[int],
+    row: Callable[[Any], Ints],
+    x: Array,
+    kinds: dict[int, str],
+    where: str,
 ) -> dict[int, Ints]:
     """gmsh element type -> nodes of its elements on these entities, (elements, nodes)."""
     found: dict[int, list[Ints]] = {}
@@ -108,8 +121,7 @@ def _elements(
         types, _, nodes = model.mesh.getElements(dim, entity)
         for kind, tags in zip(types, nodes, strict=True):
             kinds[int(kind)], _, _, width, _, _ = model.mesh.getElementProperties(kind)
-            # a node that no file has is a large number, or none of the rows
-            rows = row[np.minimum(tags, row.size - 1).astype(np.int64)].reshape(-1, width)
+            rows = row(tags).reshape(-1, width)
             _check(rows, x, where)
             found.setdefault(int(kind), []).append(rows)
     return {kind: np.concatenate(rows) for kind, rows in found.items()}

@@ -24,6 +24,8 @@ from dolfinx_frontend.geometry.touching import Touch, touching
 
 __all__ = ["TASKS", "Recipe", "Source", "Survey"]
 
+_BEGIN = re.compile(rb"\$MeshFormat[ \t]*\r?\n[ \t]*(2(\.[0-2])?|4(\.[01])?)[ \t]+[01][ \t]+8\s")
+
 Say = Callable[[str], None]
 """Told what is done next."""
 
@@ -33,9 +35,10 @@ GAP = 1e-4
 
 @dataclass(frozen=True)
 class Source:
-    """A STEP file and how it is read; see :func:`read_step`."""
+    """A STEP file and how it is read; see :func:`read_step`. `name` is that of the file for messages."""
 
     path: Path
+    name: str
     cuts: tuple[Cut, ...]
     imprint: bool
     tolerance: float | None
@@ -56,6 +59,8 @@ class Survey:
         Sentences for the parts that touch nothing.
     lost
         Solids that could not be read, in words.
+    outside
+        Names of other files that the file refers to.
     """
 
     solids: dict[str, Solid]
@@ -63,6 +68,7 @@ class Survey:
     gap: float
     alone: tuple[str, ...]
     lost: tuple[str, ...]
+    outside: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -94,7 +100,7 @@ class Recipe:
 
 def survey(say: Say, source: Source, gap: float | None) -> Survey:
     """Parts of a STEP file, and where they touch."""
-    with gmsh_session(source.path.stem, OPTIONS) as gmsh:
+    with gmsh_session("file", OPTIONS) as gmsh:
         loaded = _load(gmsh, say, source)
         say("measuring the faces")
         solids = solids_of(gmsh.model, loaded)
@@ -106,16 +112,16 @@ def survey(say: Say, source: Source, gap: float | None) -> Survey:
         used = {p for t in touches for p in t.parts}
         lonely = [n for n in solids if n not in used] if len(solids) > 1 else []
         alone = tuple(nearest(gmsh.model, loaded, solids, [n], reach, 1)[0] for n in lonely)
-        return Survey(solids, touches, reach, alone, loaded.lost)
+        return Survey(solids, touches, reach, alone, loaded.lost, loaded.outside)
 
 
 def mesh(say: Say, source: Source, recipe: Recipe) -> Meshed:
     """The meshes of the parts of a STEP file."""
     options = {**OPTIONS, "Mesh.MeshSizeFromCurvature": float(recipe.per_turn)}
-    with gmsh_session(source.path.stem, options) as gmsh:
+    with gmsh_session("file", options) as gmsh:
         model = gmsh.model
         loaded = _load(gmsh, say, source)
-        _check_same(model, loaded, source.path, recipe.solids)
+        _check_same(model, loaded, source.name, recipe.solids)
         if recipe.again is not None:
             loaded = _only(gmsh, loaded, recipe.again[0])
         for name, tags in loaded.volumes.items():
@@ -141,7 +147,12 @@ def _only(gmsh: Any, loaded: Loaded, name: str) -> Loaded:
 
 
 def mesh_file(say: Say, path: Path) -> Meshed:
-    """The mesh in a file of gmsh."""
+    """The mesh in a file of gmsh, which takes what does not begin as a mesh for a script and executes it."""
+    with path.open("rb") as file:
+        if _BEGIN.match(file.read(64)) is None:
+            raise SceneError(
+                "it does not begin as a mesh of gmsh ($MeshFormat, version 2.2 or 4.1); write it so"
+            )
     say("reading the mesh")
     with gmsh_session("file") as gmsh:
         gmsh.merge(str(path))
@@ -164,10 +175,11 @@ def _named_groups(path: Path) -> list[tuple[int, int, str]]:
 
 def _load(gmsh: Any, say: Say, source: Source) -> Loaded:
     """The CAD model, read again: nothing of gmsh is kept between calls."""
-    return load(gmsh, source.path, source.cuts, source.imprint, source.tolerance, source.partial, say)
+    parts = source.cuts, source.imprint, source.tolerance, source.partial
+    return load(gmsh, source.path, source.name, *parts, say)
 
 
-def _check_same(model: Any, loaded: Loaded, path: Path, solids: Mapping[str, Solid]) -> None:
+def _check_same(model: Any, loaded: Loaded, file: str, solids: Mapping[str, Solid]) -> None:
     """Numbers of faces are those of the first reading, unless the file has changed."""
     for name, solid in solids.items():
         tags = loaded.volumes.get(name, [])
@@ -176,7 +188,7 @@ def _check_same(model: Any, loaded: Loaded, path: Path, solids: Mapping[str, Sol
         )
         found = {abs(t) for _, t in model.getBoundary([(3, t) for t in tags], oriented=False)}
         if not same or found != {s.tag for s in solid.surfaces}:
-            raise SceneError(f"{path.name!r} has changed since it was read: read it again")
+            raise SceneError(f"{file!r} has changed since it was read: read it again")
 
 
 def _set_sizes(model: Any, loaded: Loaded, recipe: Recipe) -> None:

@@ -25,9 +25,8 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_numbers
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.vectors import unit
-from dolfinx_frontend.geometry.exchange import Exchange
+from dolfinx_frontend.geometry.exchange import Exchange, closed
 
 __all__ = ["Cut", "Loaded", "Solid", "Surface", "load", "matching", "nearest", "solids_of", "vector"]
 
@@ -152,11 +151,14 @@ class Loaded:
         Pairs that were one solid.
     lost
         Solids that were not read, or not in full, in words.
+    outside
+        Names of other files that the file refers to; they were not read.
     """
 
     volumes: dict[str, list[int]]
     halves: frozenset[tuple[str, str]]
     lost: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
 
 
 def vector(v: Array) -> str:
@@ -167,6 +169,7 @@ def vector(v: Array) -> str:
 def load(
     gmsh: Any,
     path: Path,
+    name: str,
     cuts: Sequence[Cut],
     imprint: bool,
     tolerance: float | None,
@@ -175,56 +178,55 @@ def load(
 ) -> Loaded:
     """Import a STEP file into the current model, cut solids, and fuse those that touch.
 
-    `say` is told the next stage; `partial`: solids that cannot be read are left out.
+    `path` is a copy, which may be written to; `name` is that of the file; `say` is told the next stage;
+    `partial`: solids that cannot be read are left out.
 
     Raises
     ------
     SceneError
-        No such file, not STEP, no solids in it, solids that cannot be read, a cut that does not cut in two,
+        Not STEP, no solids in it, solids that cannot be read, a cut that does not cut in two,
         solids that overlap.
     """
-    if not is_file(path):
-        raise SceneError(f"there is no STEP file {str(path)!r}")
     occ, model = gmsh.model.occ, gmsh.model
     with path.open("rb") as file:
         start = file.read(4096)
     if start.startswith(codecs.BOM_UTF8):  # OpenCASCADE finds nothing in it
         raise SceneError(
-            f"{path.name!r} cannot be read as STEP: it begins with a byte order mark of an editor; save it "
+            f"{name!r} cannot be read as STEP: it begins with a byte order mark of an editor; save it "
             "as plain text without one"
         )
     if b"ISO-10303-21" not in start:
         raise SceneError(
-            f"{path.name!r} cannot be read as STEP: it does not begin with ISO-10303-21 (an exchange file "
+            f"{name!r} cannot be read as STEP: it does not begin with ISO-10303-21 (an exchange file "
             "of ISO 10303-21 does); export it as STEP AP203, AP214 or AP242"
         )
-    exchange = Exchange.of(path)
+    exchange, outside = Exchange.of(path, name), closed(path)
     say("reading the file")
     try:
         shapes = occ.importShapes(str(path), highestDimOnly=True, format="step")
         occ.synchronize()
     except Exception as failure:  # gmsh raises nothing more specific
-        raise SceneError(f"{path.name!r} cannot be read as STEP ({failure}); export it again") from failure
+        raise SceneError(f"{name!r} cannot be read as STEP ({failure}); export it again") from failure
     tags = [tag for dim, tag in shapes if dim == 3]
     labels = [model.getEntityName(3, tag) for tag in tags]
     lost = exchange.lost(label.split("/")[-1].strip() for label in labels)
     names = dict(zip(tags, _names(labels), strict=True))
     if tags:
         say("looking for holes in the solids")
-    for tag, name in names.items():
+    for tag, solid in names.items():
         if why := _flaw(model, tag):
-            lost.append(f"{name!r} ({why})")
+            lost.append(f"{solid!r} ({why})")
             occ.remove([(3, tag)], recursive=True)
             tags = [t for t in tags if t != tag]
     if lost and not (partial and tags):
         raise SceneError(
-            f"{path.name!r}: solids that cannot be read, or not in full: {'; '.join(lost)}; export it again, "
+            f"{name!r}: solids that cannot be read, or not in full: {'; '.join(lost)}; export it again, "
             "or go on without with partial=True"
         )
     if not tags:
         found = f"{len(shapes)} faces or curves" if shapes else "nothing"
         raise SceneError(
-            f"{path.name!r} cannot be modelled: it holds no solid, but {found}; export solids, not surfaces"
+            f"{name!r} cannot be modelled: it holds no solid, but {found}; export solids, not surfaces"
         )
     occ.synchronize()
     volumes = {names[tag]: tag for tag in tags}
@@ -234,9 +236,9 @@ def load(
     if not imprint or len(volumes) == 1:
         say("looking for solids that overlap")
         _refuse_intersections(gmsh, volumes)
-        return Loaded({name: [tag] for name, tag in volumes.items()}, halves, tuple(lost))
+        return Loaded({part: [tag] for part, tag in volumes.items()}, halves, tuple(lost), outside)
     say("dividing the faces that touch")
-    return Loaded(_fuse(gmsh, volumes), halves, tuple(lost))
+    return Loaded(_fuse(gmsh, volumes), halves, tuple(lost), outside)
 
 
 def _flaw(model: Any, volume: int) -> str:

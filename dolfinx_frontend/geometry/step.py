@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -39,7 +40,7 @@ from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name, warn
 from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.geometry.away import away, check_timeout
+from dolfinx_frontend.geometry.away import TIMEOUT, alone, away, check_timeout
 from dolfinx_frontend.geometry.gmsh import assembled
 from dolfinx_frontend.geometry.meshing import FLAT, some
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
@@ -285,7 +286,7 @@ class StepAssembly:
 
     # -- from here to a scene --------------------------------------------------------------------
     def mesh(
-        self, *, per_turn: int = 8, order: int = 2, progress: bool = True, timeout: float | None = None
+        self, *, per_turn: int = 8, order: int = 2, progress: bool = True, timeout: float | None = TIMEOUT
     ) -> Assembly:
         """Mesh the parts, in a process of its own.
 
@@ -299,7 +300,7 @@ class StepAssembly:
         progress
             A progress bar if on a terminal.
         timeout
-            Seconds after which meshing is given up; None: never.
+            Seconds after which meshing is given up (ten minutes if not given); None: never.
 
         Raises
         ------
@@ -327,16 +328,17 @@ class StepAssembly:
             while True:
                 recipe = Recipe(self.solids, faces, sizes, local, per_turn, order)
                 try:
-                    model = away(
-                        "mesh",
-                        self.path,
-                        "cannot be meshed",
-                        "give smaller sizes, or fix the geometry",
-                        timeout,
-                        each,
-                        source=self._source,
-                        recipe=recipe,
-                    )
+                    with _copied(self._source) as source:
+                        model = away(
+                            "mesh",
+                            self.path,
+                            "cannot be meshed",
+                            "give smaller sizes, or fix the geometry",
+                            timeout,
+                            each,
+                            source=source,
+                            recipe=recipe,
+                        )
                     break
                 except SceneError as error:
                     # chords of two circles that are close to each other cross, or leave no room: more of them
@@ -447,11 +449,12 @@ def read_step(
     imprint: bool = True,
     tolerance: float | None = None,
     partial: bool = False,
-    timeout: float | None = None,
+    timeout: float | None = TIMEOUT,
 ) -> StepAssembly:
     """Parts of a STEP file, and where they touch.
 
-    The file is read in a process of its own: OpenCASCADE may end it if the file is damaged.
+    A copy of the file is read in a process of its own: OpenCASCADE may end it if the file is damaged. Other
+    files that it refers to are not opened; a warning names them.
 
     Parameters
     ----------
@@ -470,8 +473,8 @@ def read_step(
     partial
         Go on without solids that cannot be read; a warning names them. False: an error names them.
     timeout
-        Seconds after which reading is given up; None: never. OpenCASCADE may be busy for ever with a damaged
-        file.
+        Seconds after which reading is given up (ten minutes if not given); None: never. OpenCASCADE may be
+        busy for ever with a damaged file.
 
     Returns
     -------
@@ -497,11 +500,19 @@ def read_step(
     checked_flag("read_step", "partial", partial)
     check_timeout(timeout)
     if not is_file(file):
-        raise SceneError(f"there is no STEP file {str(path)!r}")
-    source = Source(file.absolute(), planes, imprint, tolerance, partial)
-    found: Survey = away(
-        "survey", file, "cannot be read as STEP", "export it again", timeout, source=source, gap=gap
-    )
+        raise SceneError(f"there is no STEP file {str(path)!r}; check the name")
+    source = Source(file.absolute(), file.name, planes, imprint, tolerance, partial)
+    with _copied(source) as copy:
+        found: Survey = away(
+            "survey", file, "cannot be read as STEP", "export it again", timeout, source=copy, gap=gap
+        )
+    if found.outside:
+        others = ", ".join(map(repr, found.outside))
+        warn(
+            f"{file.name!r} refers to other files, which are not opened ({others}); export the assembly as "
+            "one file",
+            SceneWarning,
+        )
     if found.lost:
         warn(
             f"{file.name!r}: solids that cannot be read, or not in full: {'; '.join(found.lost)}",
@@ -509,6 +520,13 @@ def read_step(
         )
     touches = {t.name: t for t in found.touches}
     return StepAssembly(file, found.solids, touches, found.gap, source, _alone=found.alone)
+
+
+@contextmanager
+def _copied(source: Source) -> Iterator[Source]:
+    """The source with a copy of its file, see :func:`alone`."""
+    with alone(source.path, "file.step") as copy:
+        yield replace(source, path=copy)
 
 
 @dataclass(frozen=True)
@@ -524,15 +542,16 @@ class _MeshedAgain:
     def __call__(self, size: SizeField | None) -> Part:
         if size is None:
             raise SceneError(f"part {self.part!r}: step.mesh() makes its first mesh; give a SizeField")
-        model = away(
-            "mesh",
-            self.path,
-            f"cannot be meshed again in part {self.part!r}",
-            "give smaller sizes, or fix the geometry",
-            self.timeout,
-            source=self.source,
-            recipe=replace(self.recipe, again=(self.part, size)),
-        )
+        with _copied(self.source) as source:
+            model = away(
+                "mesh",
+                self.path,
+                f"cannot be meshed again in part {self.part!r}",
+                "give smaller sizes, or fix the geometry",
+                self.timeout,
+                source=source,
+                recipe=replace(self.recipe, again=(self.part, size)),
+            )
         return replace(assembled(model).parts[self.part], again=self)
 
 

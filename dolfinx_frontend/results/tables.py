@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import textwrap
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,8 @@ __all__ = ["QUANTILES", "Table", "bolts", "summarise"]
 QUANTILES = (0.05, 0.5, 0.95)
 WIDTH = 110
 """Characters of a line of a printed table."""
+_FORMULA, _BLANKS = ("=", "+", "-", "@"), ("\t", "\r", "\n")
+"""What a formula begins with in a spreadsheet."""
 ROUNDING = 1e-8
 """What a printed table shows as 0, relative to the largest number of its kind."""
 
@@ -94,12 +97,15 @@ class Table:
             yield dict(zip(self.columns, entries, strict=True))
 
     def to_csv(self, path: str | Path | None = None) -> str:
-        """Comma-separated, numbers in full, empty where there are none; written to `path` if given."""
+        """Comma-separated, numbers in full, empty where there are none; written to `path` if given.
+
+        A text that a spreadsheet would take for a formula has an apostrophe in front.
+        """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.columns)
+        writer.writerow(map(_cell, self.columns))
         for row in zip(*self.columns.values(), strict=True):
-            writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
+            writer.writerow(map(_cell, row))
         if path is not None:
             write_text(checked_path("to_csv", path), text.getvalue())
         return text.getvalue()
@@ -157,6 +163,15 @@ class Table:
 
     def __repr__(self) -> str:
         return str(self)
+
+
+def _cell(value: Any) -> Any:
+    """What a cell of a CSV file has: nothing for NaN, an apostrophe in front of a text that is a formula."""
+    if not isinstance(value, str):
+        return "" if isinstance(value, float) and math.isnan(value) else value
+    # spreadsheets leave out blanks, and take the wide forms of these signs, too
+    begins = unicodedata.normalize("NFKC", value.lstrip()[:1])
+    return f"'{value}" if begins in _FORMULA or value[:1] in _BLANKS else value
 
 
 def _kind(column: str) -> str:

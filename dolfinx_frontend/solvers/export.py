@@ -6,6 +6,7 @@ The folder has ``problem.h5``, a sealed HDF5 file, and ``matrices/*.petsc``, PET
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -18,6 +19,7 @@ import scipy.sparse as sp
 from latin_core import Options, SweptParameter, snake_order
 from petsc4py import PETSc as _PETSc
 
+from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.gathered import gathered
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, together
@@ -45,6 +47,8 @@ PETSc: Any = _PETSc  # its stubs know no members
 
 FORMAT = "latin-problem"
 VERSION = 1
+_FILE_CLASSID = 1211216
+"""With which PETSc's binary files of matrices begin."""
 
 _Values = dict[str, dict[str, Array]]
 
@@ -67,22 +71,20 @@ class _Matrices:
         return self._known[id(matrix)]
 
     def _write(self, matrix: Any) -> None:
+        # not PETSc's viewer: it swaps the bytes of the matrix itself, and leaves them so on a full disk
         name = f"matrices/{len(self.files):04d}.petsc"
-        path = self._folder / name
-        given = matrix
-        if sp.issparse(matrix):
-            rows = matrix.tocsr()
-            kind = PETSc.IntType
-            csr = (rows.indptr.astype(kind), rows.indices.astype(kind), rows.data.astype(np.float64))
-            given = PETSc.Mat().createAIJ(rows.shape, csr=csr, comm=PETSc.COMM_SELF)
-        try:
-            viewer = PETSc.Viewer().createBinary(str(path), "w", comm=PETSc.COMM_SELF)
-            given.view(viewer)
-            viewer.destroy()
-            path.with_name(f"{path.name}.info").unlink(missing_ok=True)
-            self.checksums.append(hashlib.sha256(path.read_bytes()).hexdigest())
-        except (OSError, PETSc.Error) as error:
-            raise FileError(f"{path} cannot be written ({error})") from error
+        rows = matrix.tocsr() if sp.issparse(matrix) else csr(matrix)
+        head = (_FILE_CLASSID, *rows.shape, rows.nnz)
+        digest = hashlib.sha256()
+        with replaced(self._folder / name) as temporary, temporary.open("wb") as file:
+            for integers in (head, np.diff(rows.indptr), rows.indices):
+                block = np.asarray(integers, dtype=np.dtype(PETSc.IntType).newbyteorder(">")).tobytes()
+                digest.update(block)
+                file.write(block)
+            block = rows.data.astype(">f8").tobytes()
+            digest.update(block)
+            file.write(block)
+        self.checksums.append(digest.hexdigest())
         self.files.append(name)
 
 
@@ -407,6 +409,7 @@ def _write(folder: Path, described: bridge.Description, tree: Tree) -> None:
         "matrices": {"files": matrices.files, "sha256": matrices.checksums},
     }
     for stale in set((folder / "matrices").glob("*.petsc")) - {folder / name for name in matrices.files}:
-        stale.unlink()
+        with contextlib.suppress(OSError):  # nobody reads it
+            stale.unlink()
     with replaced(file) as temporary:
         hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)

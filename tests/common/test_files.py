@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 import signal
 import socket
 import stat
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dolfinx_frontend import (
@@ -21,12 +25,14 @@ from dolfinx_frontend import (
     Scene,
     SceneError,
     assemble,
+    export,
     figures,
     geometry,
     io,
     load,
     solve,
 )
+from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.common.files import FileError, replaced, write_text
 
 
@@ -163,3 +169,59 @@ def test_a_file_that_cannot_be_opened(result: Any, tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(ResultFileError, match="result.h5 cannot be read.*Permission denied"):
         load(path)
+
+
+def test_a_failed_export_leaves_the_problem_as_it_was(tmp_path: Path) -> None:
+    """PETSc's own viewer swaps the bytes of a matrix while it writes, and leaves them so on a full disk."""
+    scene = Scene()
+    for name, x0 in (("a", 0.0), ("b", 1.0)):
+        part = geometry.box((1.0, 1.0), (12, 12), origin=(x0, 0.0))
+        scene.substructure(name, part, LinearElastic(E=100.0, nu=0.3), degree=1)
+    scene.fix("a:x0")
+    scene.traction("b:x1", (-1.0, 0.1))
+    scene.interface("layer", "a:x1", "b:x0", Elastic(normal=30.0, tangential=10.0))
+    problem = assemble(scene)
+    before = {name: csr(part.stiffness) for name, part in problem.substructures.items()}
+    for size in (10, 4096, 20_000, 60_000):
+        with full_disk(size), pytest.raises(FileError, match="cannot be written.*choose a folder that"):
+            export(problem, tmp_path / "out")
+        for name, part in problem.substructures.items():
+            assert (csr(part.stiffness) != before[name]).nnz == 0
+        assert not (tmp_path / "out" / "problem.h5").exists()
+        assert not [each for each in tmp_path.rglob("*") if each.name.startswith(".")]
+    fresh = solve(assemble(scene)).displacements["b"]
+    assert np.array_equal(solve(problem).displacements["b"], fresh)
+    with pytest.raises(FileError, match="cannot be made"):
+        (tmp_path / "file").write_text("no folder")
+        export(problem, tmp_path / "file" / "out")
+
+
+def test_temporary_files_are_made_exclusively(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A link that somebody has put under the temporary name is not written through."""
+    monkeypatch.setattr(uuid, "uuid4", lambda: SimpleNamespace(hex="known"))
+    precious = tmp_path / "precious"
+    precious.write_text("precious")
+    (tmp_path / ".known.txt").symlink_to(precious)
+    with pytest.raises(FileError, match="a.txt cannot be written"):
+        write_text(tmp_path / "a.txt", "text")
+    assert precious.read_text() == "precious" and not (tmp_path / "a.txt").exists()
+
+
+def test_a_folder_that_vanishes(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    with pytest.raises(FileError, match="kept cannot be written"), replaced(folder / "kept") as new:
+        new.write_text("half")
+        shutil.rmtree(folder)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_reader_that_goes_away() -> None:
+    """PETSc's handler of signals would end this process."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        with pytest.raises(BrokenPipeError):
+            os.write(writer, b"x")
+    finally:
+        os.close(writer)

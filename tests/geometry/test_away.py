@@ -268,6 +268,71 @@ def test_assemblies_repeat_their_solids(tmp_path: Path) -> None:
         assert exchange.lost([]) == (["'bolt' (#7)"] if count == 1 else several)
 
 
+def test_assemblies_are_counted_once_a_product(tmp_path: Path) -> None:
+    """Each of 40 levels is used twice: a million million bolts."""
+    text = "#1=PRODUCT('bolt','',$,());#2=PRODUCT_DEFINITION_FORMATION('','',#1);"
+    for level in range(41):
+        text += f"#{100 + level}=PRODUCT_DEFINITION('','',#2,$);"
+        if level:
+            use = f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('1','','',#{100 + level},#{99 + level},$);"
+            text += f"#{200 + level}={use}#{300 + level}={use}"
+    file = tmp_path / "a.step"
+    file.write_text(f"ISO-10303-21;DATA;{text}ENDSEC;END-ISO-10303-21;")
+    with pytest.raises(SceneError, match="'a.step': a product is in 131072 places of the assembly; export"):
+        read_step(file)
+
+
+CHAIN = range(1, 20_000)
+LONG = {
+    "numbers": "#1=" * 100_000,
+    "blanks": "ENDSEC;DATA;" + " " * 100_000 + "x;",
+    "comments": "/*" * 100_000,
+    "sections": "DATA(" * 50_000,
+    "blanks of a section": "DATA" + " " * 100_000,
+    "quotes": "#1=A('" + "''" * 100_000,
+    "brackets": "#1=A(" + ")" * 50_000 + " " * 50_000 + "x;",
+    "a chain": "".join(f"#{k}=MANIFOLD_SOLID_BREP('',#{k + 1});" for k in CHAIN)
+    + f"#30000=ADVANCED_BREP_SHAPE_REPRESENTATION('',({','.join(f'#{k}' for k in CHAIN)}),$);",
+}
+
+
+@pytest.mark.parametrize("kind", LONG)
+def test_damaged_texts_are_read_in_linear_time(kind: str, tmp_path: Path) -> None:
+    """Quadratic, each would take minutes; of the chain all solids lack its last link."""
+    file = tmp_path / "a.step"
+    file.write_text(f"ISO-10303-21;DATA;{LONG[kind]}\nENDSEC;END-ISO-10303-21;")
+    if kind == "comments":
+        with pytest.raises(SceneError, match="'a.step' .*does not end with END-ISO"):
+            Exchange.of(file)
+        return
+    assert Exchange.of(file).lost([])
+
+
+def test_other_files_are_not_opened(two: Path, tmp_path: Path) -> None:
+    """OpenCASCADE opens what a document is called, and waits for ever for a pipe."""
+    text = two.read_text()
+    product = re.findall(r"#(\d+)\s*=\s*PRODUCT_DEFINITION\('", text)[0]
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    long = ("DOCUMENT_FILE", "APPLIED_EXTERNAL_IDENTIFICATION_ASSIGNMENT", "EXTERNAL_SOURCE")
+    for document, assignment, source in (long, ("DCMFL", "AEIA", "EXTSRC")):
+        for names in ((pipe, "", ""), ("", pipe, ""), ("", "", pipe)):
+            more = (
+                f"#900001={document}('{names[0]}','','',#900002,'','');/* it's */\n"
+                "#900002=DOCUMENT_TYPE('configuration controlled document version');\n"
+                f"#900003={assignment}('{names[1]}',#900004,#900005,(#900001));\n"
+                "#900004=IDENTIFICATION_ROLE('external document id and location',$);\n"
+                f"#900005={source}(IDENTIFIER('{names[2]}'));\n"
+                f"#900006=APPLIED_DOCUMENT_REFERENCE(#900001,'',(#{product}));\n"
+                "#900007=DOCUMENT_REPRESENTATION_TYPE('digital',#900001);\n"
+                f"#900008=PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS('','',#{product},#{product},"
+                "(#900001));\n"
+            )
+            two.write_text(text.replace("ENDSEC;\nEND-ISO", f"{more}ENDSEC;\nEND-ISO"))
+            with pytest.warns(SceneWarning, match=rf"'two.step' refers to other files.*'{pipe}'.*as one f"):
+                assert len(read_step(two, timeout=60.0).solids) == 2
+
+
 # -- spheres, and other places where parts hardly touch ------------------------------------------
 
 

@@ -222,3 +222,32 @@ def test_concurrent_runs_share_the_root(host: Path) -> None:
     assert [process.wait(60) for process in started] == [0] * 4
     assert all((host / "data" / str(i)).read_text() == "home/me" for i in range(4))
     assert not any((host / PRIVATE / "home").iterdir())  # nothing stays mounted, or is written inside
+
+
+@pytest.mark.parametrize(
+    ("folder", "mode", "owner", "said"),
+    [
+        ("", 0o755, 0, ""),
+        ("cache", 0o1777, 0, ""),
+        ("cache", 0o777, 0, "can be changed by others"),
+        ("cache/latin", 0o775, 0, "can be changed by others"),
+        ("cache/latin/trixie-0", 0o757, 0, "can be changed by others"),
+        ("cache", 0o755, 1234, "belongs to"),
+        ("cache/latin/trixie-0", 0o755, 1234, "belongs to"),
+    ],
+)
+def test_a_root_of_somebody_else(folder: str, mode: int, owner: int, said: str, tmp_path: Path) -> None:
+    """What is in it would run as root."""
+    if os.geteuid() != 0:
+        pytest.skip("needs root")
+    root = tmp_path / "cache" / "latin" / "trixie-0"
+    root.mkdir(parents=True)
+    if folder:
+        os.chown(tmp_path / folder, owner, 0)
+        os.chmod(tmp_path / folder, mode)
+    (tmp_path / "link").symlink_to(root)
+    script = 'source "$1"; unset SUDO_UID; is_own "$2"'
+    for path in (root, tmp_path / "link"):
+        line = ["bash", "-c", script, "is_own", str(ROOT / "tools" / "env" / "bootstrap.sh"), str(path)]
+        done = subprocess.run(line, capture_output=True, text=True, check=False)
+        assert (done.returncode == 0) == (said == "") and said in done.stderr

@@ -37,7 +37,7 @@ from dolfinx_frontend import (
     solve,
     tensor_quadrature,
 )
-from dolfinx_frontend.results import saved
+from dolfinx_frontend.results import saved, tables
 from dolfinx_frontend.results.answer import Surface
 from dolfinx_frontend.results.readings import measure
 from dolfinx_frontend.scene.laws import Law
@@ -560,3 +560,15 @@ def test_forces_whose_squares_are_no_numbers(size: float) -> None:
             with pytest.raises(SceneError, match="the energies of the result leave the range of numbers"):
                 discretisation_error(result)
             assert result.errors().discretisation is None
+
+
+def test_no_text_of_a_csv_file_is_a_formula(tmp_path: Path) -> None:
+    texts = ["=cmd|'/C calc'!A0", "+1+cmd", "-2+3", "@SUM(1)", " =1+1", "\uff1d1+1", "\t=1", "a=1", "", "- b"]
+    numbers = [-1.5, -2, float("nan"), 3, -0.0, 1e300, -1e-300, 7, -8, 9]
+    table = tables.Table({"=name": texts, "value": numbers}, ("=name",))
+    table.to_csv(tmp_path / "table.csv")
+    with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    assert head == ["'=name", "value"]
+    assert [row[0] for row in rows] == [f"'{each}" if each not in ("a=1", "") else each for each in texts]
+    assert [row[1] for row in rows] == ["-1.5", "-2", "", "3", "-0.0", "1e+300", "-1e-300", "7", "-8", "9"]

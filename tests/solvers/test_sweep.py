@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import shutil
 import sqlite3
@@ -26,6 +25,7 @@ from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from latin_core import CheckpointError, InputError, Options, snake_order
+from latin_core.checkpoint import _digest
 
 pytestmark = pytest.mark.sanitize
 
@@ -460,7 +460,8 @@ def edited(path, number, change):
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)
         body = buffer.getvalue()
-        seal = hashlib.sha256(b"%d:" % number + body).digest()
+        (run,) = file.execute("select text from header").fetchone()
+        seal = _digest(number, body, run)
         file.execute("update point set arrays = ? where number = ?", (seal + body, number))
 
 
@@ -490,3 +491,13 @@ def test_edited_points_are_refused(problem, tmp_path, name, how):
     with pytest.raises(CheckpointError, match=f"points was edited: point 1: '{name}' .*move it away"):
         sweep(problem, grid, **run)
     assert path.read_bytes() == left
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_converged_point_is_finite(problem, tmp_path, value):
+    path = tmp_path / "points"
+    run = {"options": TIGHT, "progress": False, "checkpoint": path}
+    sweep(problem, {"layer.normal": [10.0, 20.0]}, **run)
+    edited(path, 1, lambda arrays: arrays["data:layer:0"].fill(value))
+    with pytest.raises(CheckpointError, match="points was edited: point 1: it is converged, and its state is"):
+        sweep(problem, {"layer.normal": [10.0, 20.0]}, **run)

@@ -122,10 +122,36 @@ can_make_root() {
     { [[ -d $(cache_folder)/$(root_key "$1") ]] || command -v mmdebstrap apt-get >/dev/null; }
 }
 
+# Can nobody but root (and who called sudo) change what is in a folder, or put another one in its place? Says who can.
+# What is in the private root runs as root: so would what somebody else has put there.
+is_own() { # FOLDER
+  local folder mode owner
+  folder=$(readlink -f "$1")
+  while :; do
+    read -r mode owner < <(stat -c '%a %u' "$folder")
+    # others may write to a folder like /tmp, where nobody can move what is not his own
+    if ((8#$mode & 8#022)) && ! ((8#$mode & 8#1000)); then
+      say "$folder can be changed by others (mode $mode)"
+      return 1
+    fi
+    if [[ $owner != 0 && $owner != "${SUDO_UID:-0}" ]]; then
+      say "$folder belongs to $(stat -c %U "$folder"), who could put anything there"
+      return 1
+    fi
+    [[ $folder != / ]] || return 0
+    folder=${folder%/*}
+    folder=${folder:-/}
+  done
+}
+
 # Builds the private root beside its place, then renames it: a half-built one is never used.
 make_root() { # SUITE ROOT
   local suite=$1 root=$2 part=$2.part free options
-  mkdir -p "${root%/*}"
+  (
+    umask 022
+    mkdir -p "${root%/*}"
+  )
+  is_own "${root%/*}" || die "no environment is made there: set XDG_CACHE_HOME to a folder of root's"
   (
     if ! flock -n 9; then
       say "another run is preparing the Debian environment, waiting for it"
@@ -271,5 +297,6 @@ ensure_environment() { # ARGS...
   can_make_root "$suite" || explain_and_stop
   root=$(cache_folder)/$(root_key "$suite")
   [[ -d $root ]] || make_root "$suite" "$root" || exit 1
+  is_own "$root" || die "this environment is not entered: set XDG_CACHE_HOME to a folder of root's"
   enter_root "$root" "$@"
 }

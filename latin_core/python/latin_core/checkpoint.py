@@ -13,7 +13,9 @@ import hashlib
 import io
 import json
 import logging
+import math
 import os
+import re
 import sqlite3
 import stat
 import struct
@@ -24,7 +26,7 @@ import warnings
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -39,10 +41,22 @@ __all__ = [
     "wrong_array",
 ]
 
-_VERSION = 4
+_VERSION = 5
 _DIGEST = hashlib.sha256().digest_size
 _MAGIC = b"SQLite format 3\x00"
-_TABLES = {"header": ["text"], "point": ["number", "arrays"]}
+_JOURNAL_OF_SEVERAL = bytes.fromhex("d9d505f920a163d7")
+"""End of a journal that names another file, which SQLite deletes; a database that is alone has none such."""
+_SCHEMA = {
+    "header": "CREATE TABLE header (text text)",
+    "point": "CREATE TABLE point (number integer primary key, arrays blob)",
+}
+"""Name of a table -> how it was made: all that is in the database."""
+_ARRAY = re.compile(
+    rb"\x93NUMPY\x01\x00..\{'descr': '([<>|][biufcU]\d{1,6})', 'fortran_order': (True|False), "
+    rb"'shape': \(([0-9, ]*)\), \} *\n",
+    re.DOTALL,
+)
+"""Beginning of an array of numbers or texts as numpy writes it: its type, order and shape."""
 _SAME = 1e-10
 """Difference up to which two numbers of a header are the same: another order of summation is no other run."""
 _PATIENCE = 5.0
@@ -55,9 +69,39 @@ _in_use: set[tuple[int, int] | None] = set()
 _in_use_guard = threading.Lock()
 
 
-def _digest(number: int, arrays: bytes) -> bytes:
-    """Checksum of a point: the database itself does not notice a changed number or byte."""
-    return hashlib.sha256(b"%d:" % number + arrays).digest()
+def _digest(number: int, arrays: bytes, run: str = "") -> bytes:
+    """Checksum of a point of a run (its header): the database itself does not notice a changed number or
+    byte, or the point of another problem."""
+    return hashlib.sha256(b"%d:" % number + run.encode() + arrays).digest()
+
+
+def _unpacked(blob: bytes) -> dict[str, npt.NDArray[Any]]:
+    """The arrays that :func:`numpy.savez` packed, which take no more memory than they have bytes.
+
+    Raises
+    ------
+    ValueError
+        They are compressed, or one has not the bytes that it claims, or Python objects.
+    """
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    with zipfile.ZipFile(io.BytesIO(blob)) as file:
+        entries = file.infolist()
+        if any(each.compress_type != zipfile.ZIP_STORED for each in entries):
+            raise ValueError("its arrays are compressed")
+        if sum(each.file_size for each in entries) > len(blob):
+            raise ValueError("its arrays are larger than it is")
+        for entry in entries:
+            data = file.read(entry)
+            head = _ARRAY.match(data)
+            if head is None:
+                raise ValueError(f"{entry.filename!r} is no array of numbers or texts")
+            kind, content = np.dtype(head[1].decode()), bytearray(data[head.end() :])
+            shape = tuple(int(each) for each in head[3].replace(b",", b" ").split())
+            if not kind.itemsize or math.prod(shape) * kind.itemsize != len(content):
+                raise ValueError(f"{entry.filename!r} has not the numbers that it claims")
+            order: Literal["F", "C"] = "F" if head[2] == b"True" else "C"
+            arrays[entry.filename.removesuffix(".npy")] = np.ndarray(shape, kind, content, order=order)
+    return arrays
 
 
 class CheckpointError(ValueError):
@@ -182,6 +226,7 @@ class Checkpoint:
         self._descriptor = -1
         self._key: tuple[int, int] | None = None
         self._db: Any = None
+        self._run = ""
         if self.path.name == ":memory:":
             raise CheckpointError("checkpoint ':memory:' would be gone with the run: give the name of a file")
         if str(path).lower().startswith("file:"):
@@ -241,13 +286,12 @@ class Checkpoint:
         made = not os.path.exists(self._file)
         try:
             self._claim(made)
-            self._db = sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
-            self._check_tables()
-            if self._db.execute("select count(*) from sqlite_master").fetchone() == (0,):
+            self._db = self._connected()
+            if not self._has_tables():
                 with self._db:
                     self._db.execute("begin")  # all of it or nothing
-                    self._db.execute("create table header (text text)")
-                    self._db.execute("create table point (number integer primary key, arrays blob)")
+                    for statement in _SCHEMA.values():
+                        self._db.execute(statement)
                     text = json.dumps(mine)
                     self._db.execute("insert into header values (?)", (text,))
             if self._db.execute("pragma quick_check").fetchone() != ("ok",):
@@ -260,26 +304,41 @@ class Checkpoint:
             raise
         if row is None:
             raise sqlite3.DatabaseError("not a checkpoint file")
-        theirs = json.loads(str(row[0]))
+        self._run = str(row[0])
+        theirs = json.loads(self._run)
         if not isinstance(theirs, dict):
             raise sqlite3.DatabaseError("not a checkpoint file")
         return theirs
 
-    def _check_tables(self) -> None:
-        """Refuse the database of another program, by its tables."""
-        found = self._db.execute("select name from sqlite_master where type = 'table' order by name")
-        names = [str(name) for (name,) in found]
-        columns = {
-            table: [str(row[1]) for row in self._db.execute(f"pragma table_info({table})")]
-            for table in _TABLES
-            if names
-        }
-        if names and columns != _TABLES:
-            told = ", ".join(map(repr, names[:4])) + (", ..." if len(names) > 4 else "")
+    def _connected(self) -> sqlite3.Connection:
+        """The database, unless SQLite would first end a transaction over several files: it deletes one that
+        the journal of such names."""
+        beside = f"{os.path.realpath(self._file)}-journal"
+        if os.path.isfile(beside):
+            with open(beside, "rb") as journal:
+                journal.seek(-min(len(_JOURNAL_OF_SEVERAL), os.path.getsize(beside)), os.SEEK_END)
+                if journal.read() == _JOURNAL_OF_SEVERAL:
+                    raise CheckpointError(
+                        f"checkpoint {self.path} has a journal beside it, {beside}, that names another file, "
+                        "as those of no run do: move both away"
+                    )
+        return sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
+
+    def _has_tables(self) -> bool:
+        """Whether it is a checkpoint, or empty; the database of another program is refused.
+
+        A trigger, a view or an index would run whatever it says with the first statement that meets it: the
+        database has the two tables, as they are made here, and nothing else.
+        """
+        rows = self._db.execute("select name, type, sql from sqlite_master order by name").fetchall()
+        if rows and rows != [(name, "table", statement) for name, statement in _SCHEMA.items()]:
+            names = [repr(name) if kind == "table" else f"{kind} {name!r}" for name, kind, _ in rows]
+            told = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
             raise CheckpointError(
                 f"checkpoint {self.path} is a database of another program (its tables: {told}): give another "
                 "file name"
             )
+        return bool(rows)
 
     def _claim(self, made: bool) -> None:
         """Open the file and mark it as in use, in this process and for others.
@@ -363,7 +422,7 @@ class Checkpoint:
         named: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
         np.savez(buffer, **named)
         blob = buffer.getvalue()
-        self._waiting[number] = _digest(number, blob) + blob
+        self._waiting[number] = _digest(number, blob, self._run) + blob
         self._try(_PATIENCE if not self._warned else 0.0)
 
     def _try(self, patience: float) -> None:
@@ -405,6 +464,7 @@ class Checkpoint:
             return
         new = os.path.join(os.path.dirname(self._file), f".{uuid.uuid4().hex}")
         try:
+            os.close(os.open(new, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
             with contextlib.closing(sqlite3.connect(new)) as copy:
                 self._db.backup(copy)  # the removed file can be read as long as it is open
             os.link(new, self._file)  # unlike a replacement, takes no other file's place
@@ -414,7 +474,7 @@ class Checkpoint:
         before = self._db, self._descriptor, self._key
         try:
             self._claim(False)
-            self._db = sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
+            self._db = self._connected()
         except BaseException:
             new_one = self._descriptor if self._descriptor != before[1] else -1
             self._drop(None, new_one, self._key if self._key != before[2] else None)
@@ -430,11 +490,9 @@ class Checkpoint:
         try:
             for number, stored in self._db.execute(query):
                 digest, blob = bytes(stored[:_DIGEST]), bytes(stored[_DIGEST:])
-                if digest != _digest(number, blob):
+                if digest != _digest(number, blob, self._run):
                     raise ValueError(f"point {number}: its checksum is another one")
-                with np.load(io.BytesIO(blob), allow_pickle=False) as arrays:
-                    point = dict(arrays)
-                yield number, point
+                yield number, _unpacked(blob)
         except (
             sqlite3.Error,
             zipfile.BadZipFile,
@@ -443,6 +501,8 @@ class Checkpoint:
             OverflowError,
             OSError,
             EOFError,
+            MemoryError,
+            NotImplementedError,
         ) as error:
             raise self._refusal(error, "is damaged") from error
 

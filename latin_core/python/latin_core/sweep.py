@@ -240,7 +240,10 @@ class _Keeper:
                 for key in (f"output:{name}" for name in self.outputs):
                     layout[key] = ("f", arrays[key].shape)
                 self.keep(number, arrays)
-            if str(arrays["status"]) == "converged":
+                converged = str(arrays["status"]) == "converged"
+                if converged and not all(np.isfinite(arrays[name]).all() for name in ("data", "traces")):
+                    raise edited(file.path, number, "it is converged, and its state is not finite")
+            if converged:
                 yield number, _core.State(arrays["data"], arrays["traces"])
 
     def _layout(self, shapes: Mapping[str, Shape]) -> dict[str, tuple[str, Shape | None]]:

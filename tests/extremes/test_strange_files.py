@@ -1,0 +1,423 @@
+"""Every reader, given what is no file of its own: a sentence that names the file and the fix, or its content.
+
+What is in a file is data. Nothing that it holds is executed, waited for, or believed before it is compared
+with the size of the file.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import re
+import sqlite3
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import dolfinx_frontend as lf
+from dolfinx_frontend.formats import hdf5
+from dolfinx_frontend.formats.chaos_file import Field, load_chaos, save_chaos
+from dolfinx_frontend.geometry import gmsh_session, read_msh, read_step
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.parameters import Uniform
+from dolfinx_frontend.uncertainty.space import RandomSpace
+from latin_core.checkpoint import Checkpoint, CheckpointError, _digest
+from tests.geometry.fuzz import Forking
+
+h5py = pytest.importorskip("h5py")
+gmsh = pytest.importorskip("gmsh")
+
+HEADER = {"run": "strange"}
+REFUSED = (lf.SceneError, CheckpointError)
+FIX = r"check|give|write|export|save|unpack|move|copy|mesh it|use |read it with"
+MESH = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+1
+2 1 "a"
+$EndPhysicalNames
+$Nodes
+3
+1 0 0 0
+2 1 0 0
+3 1 1 0
+$EndNodes
+$Elements
+1
+1 2 2 1 1 1 2 3
+$EndElements
+"""
+SCRIPT = '\n\n// not a mesh\nSystemCall "touch executed";\nPrintf("x") > "executed";\n'
+
+
+def write_step(path: Path) -> None:
+    with gmsh_session("made"):
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+
+
+def write_result(path: Path) -> None:
+    scene = lf.Scene()
+    scene.substructure("l", lf.geometry.box((1.0, 1.0), (1, 1)), lf.LinearElastic(100.0, 0.3))
+    scene.fix("l:x0")
+    scene.traction("l:x1", (-1.0, 0.0))
+    lf.solve(lf.assemble(scene), progress=False).save(path)
+
+
+def write_chaos(path: Path) -> None:
+    space = RandomSpace([Uniform("K", 1.0, 2.0)])
+    basis = space.basis(Chaos(order=1))
+    save_chaos(path, space, basis, {"w": Field(np.arange(4.0).reshape(2, 2), "mm")})
+
+
+def write_checkpoint(path: Path) -> None:
+    with closing(Checkpoint(path, HEADER)) as file:
+        file.append(0, {"force": np.arange(3.0), "status": "converged"})
+
+
+def read_checkpoint(path: Any) -> list[Any]:
+    with closing(Checkpoint(path, HEADER)) as file:
+        return [(number, arrays["force"].tolist()) for number, arrays in file]
+
+
+class Reader(NamedTuple):
+    suffix: str
+    write: Callable[[Path], Any]
+    read: Callable[[Any], Any]
+    shown: Callable[[Any], Any]
+
+
+READERS = {
+    "mesh": Reader(".msh", lambda p: p.write_text(MESH), read_msh, lambda found: list(found.parts)),
+    "STEP": Reader(".step", write_step, read_step, lambda found: list(found.solids)),
+    "result": Reader(".h5", write_result, lf.load, lambda found: str(found.table())),
+    "chaos": Reader(".h5", write_chaos, load_chaos, lambda f: f.fields["w"].coefficients.tolist()),
+    "chaos as text": Reader(".json", write_chaos, load_chaos, lambda f: f.fields["w"].coefficients.tolist()),
+    "checkpoint": Reader("", write_checkpoint, read_checkpoint, lambda found: found),
+}
+
+
+def edited(path: Path, edit: Callable[[Any], None], form: str) -> None:
+    """An HDF5 file that was changed, and sealed as if that were meant."""
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    hdf5.seal(path, form)
+
+
+def claims(kind: str, path: Path) -> None:
+    """Make a file claim a million millions of something."""
+    many = 10**12
+    if kind == "mesh":
+        path.write_text(MESH.replace("$Nodes\n3", f"$Nodes\n{many}"))
+    elif kind == "STEP":
+        path.write_text(re.sub(r"#\d+ = (?=MANIFOLD)", f"#{many} = ", path.read_text()))
+    elif kind == "chaos as text":
+        path.write_text(re.sub(r'"shape": \[2\]', f'"shape": [{many}]', path.read_text()))
+    elif kind == "checkpoint":
+        with closing(sqlite3.connect(path)) as db, db:
+            blob = db.execute("select arrays from point").fetchone()[0][32:]
+            run = db.execute("select text from header").fetchone()[0]
+            changed = repacked(blob, lambda data: data.replace(b"(3,), }" + b" " * 12, b"(%d,), }" % many))
+            db.execute("update point set arrays = ?", (_digest(0, changed, run) + changed,))
+    else:
+        form = path.read_bytes().split(maxsplit=1)[0].decode()
+        edited(path, lambda file: file.create_dataset("claimed", (many,), "f8"), form)
+
+
+def repacked(blob: bytes, change: Callable[[bytes], bytes], how: int = zipfile.ZIP_STORED) -> bytes:
+    """An archive with its first entry changed."""
+    out = BytesIO()
+    with zipfile.ZipFile(BytesIO(blob)) as old, zipfile.ZipFile(out, "w", how) as new:
+        for k, name in enumerate(old.namelist()):
+            new.writestr(name, old.read(name) if k else change(old.read(name)))
+    return out.getvalue()
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("good")
+    out = {}
+    for kind, reader in READERS.items():
+        out[kind] = folder / f"{kind}{reader.suffix}"
+        reader.write(out[kind])
+    return out
+
+
+@pytest.fixture
+def forking() -> Iterator[None]:
+    """Stands in for the process that every mesh and STEP file gets: its start takes most of the time."""
+    with Forking():
+        yield
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refuse(kind: str, path: Any) -> None:
+    with pytest.raises(REFUSED) as error:
+        READERS[kind].read(path)
+    said = str(error.value)
+    assert Path(path).name in said and re.search(FIX, said), said
+    assert len(said.splitlines()) == 1, said
+    assert not Path("executed").exists()
+
+
+@pytest.mark.usefixtures("forking")
+@pytest.mark.parametrize("kind", READERS)
+def test_the_wrong_kind_of_file(kind: str, good: dict[str, Path], folder: Path) -> None:
+    path = folder / f"file{READERS[kind].suffix}"
+    whole = good[kind].read_bytes()
+    strange = {
+        "script": SCRIPT.encode(),
+        "picture": b"\x89PNG\r\n\x1a\n" + bytes(500),
+        "packed": gzip.compress(whole),
+        "half": whole[: len(whole) // 2],
+        "with a word in front": b"x" * 5000 + whole,
+        "deep": b"[" * 200_000,
+        **{other: each.read_bytes() for other, each in good.items() if other.split()[0] != kind.split()[0]},
+    }
+    if kind != "checkpoint":  # SQLite takes an empty file for an empty database
+        strange["empty"] = b""
+    for content in strange.values():
+        path.write_bytes(content)
+        refuse(kind, path)
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_a_million_millions(kind: str, good: dict[str, Path], folder: Path) -> None:
+    path = folder / f"file{READERS[kind].suffix}"
+    path.write_bytes(good[kind].read_bytes())
+    before = path.read_bytes()
+    claims(kind, path)
+    assert path.read_bytes() != before
+    refuse(kind, path)
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_what_is_no_file(kind: str, good: dict[str, Path], folder: Path) -> None:
+    reader = READERS[kind]
+    pipe, circle, directory = (folder / f"{name}{reader.suffix}" for name in ("pipe", "circle", "folder"))
+    os.mkfifo(pipe)
+    circle.symlink_to(circle)
+    directory.mkdir()
+    for path in (pipe, circle, directory):
+        refuse(kind, path)
+    if kind != "checkpoint":  # of which there may be none
+        refuse(kind, folder / f"nothing{reader.suffix}")
+    link = folder / f"link{reader.suffix}"
+    link.symlink_to(good[kind])
+    assert reader.shown(reader.read(link)) == reader.shown(reader.read(good[kind]))
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_odd_names(kind: str, good: dict[str, Path], folder: Path) -> None:
+    reader = READERS[kind]
+    for name in ("-o 'my \"file\"';$(touch executed)`touch executed`\nn", "..."):
+        path = Path(f"{name}{reader.suffix}")  # relative: the name begins with a dash
+        path.write_bytes(good[kind].read_bytes())
+        assert reader.shown(reader.read(str(path))) == reader.shown(reader.read(good[kind]))
+    assert not Path("executed").exists()
+
+
+# -- neighbours --------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("forking")
+def test_what_stands_beside_a_file_is_not_executed(folder: Path) -> None:
+    """gmsh executes NAME.opt beside whatever it is given, and a script behind blank lines or a comment."""
+    Path("good.msh").write_text(MESH)
+    for beside in ("good.msh.opt", "good.opt", "default.geo", ".gmshrc", ".gmsh-options", "gmsh.py"):
+        Path(beside).write_text(SCRIPT)
+    assert list(read_msh("good.msh").parts) == ["a"]
+    for suffix in (".msh", ".geo", ".pos", ".opt", ".txt", ".inp", ".key", ".rad", ".su2", ".obj", ""):
+        Path(f"script{suffix}").write_text(SCRIPT)
+        refuse("mesh", f"script{suffix}")
+    assert not Path("executed").exists()
+
+
+def test_a_journal_that_names_another_file(folder: Path) -> None:
+    """SQLite deletes the file that the end of a journal names, once it has played it back."""
+    write_checkpoint(folder / "points")
+    page = (folder / "points").read_bytes()[:4096]
+    name, nonce = os.fsencode(folder / "precious"), 1
+    (folder / "precious").write_text("precious")
+    whole = bytes.fromhex("d9d505f920a163d7")
+    numbers = [1, nonce, (folder / "points").stat().st_size // 4096, 512, 4096]
+    head = (whole + b"".join(each.to_bytes(4) for each in numbers)).ljust(512, b"\0")
+    check = (nonce + sum(page[k] for k in range(4096 - 200, 0, -200))) % 2**32
+    end = (2**30 // 4096 + 1).to_bytes(4) + name + len(name).to_bytes(4) + sum(name).to_bytes(4) + whole
+    journal = head + (1).to_bytes(4) + page + check.to_bytes(4) + end
+    (folder / "link").symlink_to("points")
+    for path in ("points", "link"):
+        (folder / "points-journal").write_bytes(journal)
+        refuse("checkpoint", folder / path)
+    assert (folder / "precious").exists()
+    # one of a run that was killed is played back
+    (folder / "points-journal").write_bytes(journal[: -len(end)])
+    assert read_checkpoint(folder / "points") == [(0, [0.0, 1.0, 2.0])]
+    # SQLite itself does what is refused here
+    (folder / "points-journal").write_bytes(journal)
+    with closing(sqlite3.connect(folder / "points")) as db:
+        db.execute("select * from sqlite_master").fetchall()
+    assert not (folder / "precious").exists()
+
+
+# -- small files that are large ----------------------------------------------------------------------
+
+
+def test_links_and_texts_that_share_what_they_hold(good: dict[str, Path], folder: Path) -> None:
+    def links(file: Any) -> None:
+        a = file.create_group("zz")
+        b = a.create_group("b0")
+        b["c0"] = np.zeros(1)
+        for k in range(1, 160):
+            b[f"c{k}"] = b["c0"]
+            a[f"b{k}"] = b
+
+    def circle(file: Any) -> None:
+        file["zz"] = file["interfaces"]
+
+    def numbers(file: Any) -> None:
+        file["zz"] = np.zeros(100_000)
+        file["zy"] = file["zz"]
+
+    def ragged(file: Any) -> None:
+        file.create_dataset("zz", (2,), dtype=h5py.vlen_dtype(np.int64))
+
+    def records(file: Any) -> None:
+        file["zz"] = np.zeros(3, dtype=[("a", "f8")])
+
+    def many(file: Any) -> None:
+        file.attrs["zz"] = np.zeros(5)
+
+    def kept_type(file: Any) -> None:
+        file["zz"] = np.dtype("f8")
+
+    for edit in (links, circle, numbers, ragged, records, many, kept_type):
+        path = folder / "result.h5"
+        path.write_bytes(good["result"].read_bytes())
+        edited(path, edit, "latin-result")
+        with pytest.raises(lf.SceneError, match="two links|no array|no single|neither numbers nor"):
+            lf.load(path)
+
+
+def test_texts_that_are_one_text(good: dict[str, Path], folder: Path) -> None:
+    """Each of 20 000 points to the same megabyte: 20 GB."""
+    path = folder / "result.h5"
+    path.write_bytes(good["result"].read_bytes())
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("zz", data=["x" * 1_000_000] + ["y"] * 20_000, dtype=h5py.string_dtype())
+        at = file["zz"].id.get_offset()
+    content = bytearray(path.read_bytes())
+    one = bytes(content[at : at + 16])
+    assert int.from_bytes(one[:4], "little") == 1_000_000  # length, then where it is
+    content[at : at + 16 * 20_001] = one * 20_001
+    path.write_bytes(content)
+    hdf5.seal(path, "latin-result")
+    with pytest.raises(lf.SceneError, match="with 'zz' it is larger than the file, of"):
+        lf.load(path)
+    # a length that is not that of the text: HDF5 would write behind what it has asked for
+    content[at : at + 16 * 20_001] = ((5).to_bytes(4, "little") + one[4:]) * 20_001
+    path.write_bytes(content)
+    hdf5.seal(path, "latin-result")
+    with pytest.raises(lf.SceneError, match="'zz' has texts of other lengths than it says"):
+        lf.load(path)
+
+
+def test_points_that_no_run_has_written(folder: Path) -> None:
+    path = folder / "points"
+    write_checkpoint(path)
+    before = path.read_bytes()
+
+    def pickled(data: bytes) -> bytes:
+        out = BytesIO()
+        np.lib.format.write_array(out, np.array([{}], dtype=object))
+        return out.getvalue()
+
+    def grown(data: bytes) -> bytes:
+        return data + bytes(8)
+
+    def called(data: bytes) -> bytes:
+        return data.replace(b"(3,)", b"(__import__('os').getpid(),)")
+
+    cases = [
+        (zipfile.ZIP_DEFLATED, bytes, "its arrays are compressed"),
+        (zipfile.ZIP_STORED, pickled, "is no array of numbers"),
+        (zipfile.ZIP_STORED, called, "is no array of numbers"),
+        (zipfile.ZIP_STORED, grown, "has not the numbers that it claims"),
+    ]
+    for how, change, said in cases:
+        path.write_bytes(before)
+        with closing(sqlite3.connect(path)) as db, db:
+            run = db.execute("select text from header").fetchone()[0]
+            blob = repacked(db.execute("select arrays from point").fetchone()[0][32:], change, how)
+            db.execute("update point set arrays = ?", (_digest(0, blob, run) + blob,))
+        with pytest.raises(CheckpointError, match=f"is damaged .*{said}.*: move it away"):
+            read_checkpoint(path)
+
+
+def test_a_point_of_another_problem(folder: Path) -> None:
+    """It is whole, and its checksum is right where it comes from."""
+    write_checkpoint(folder / "points")
+    with closing(Checkpoint(folder / "other", {"run": "another"})) as file:
+        file.append(0, {"force": np.full(3, 1e300), "status": "converged"})
+    with closing(sqlite3.connect(folder / "other")) as db:
+        (blob,) = db.execute("select arrays from point").fetchone()
+    with closing(sqlite3.connect(folder / "points")) as db, db:
+        db.execute("update point set arrays = ?", (blob,))
+    with pytest.raises(CheckpointError, match="point 0: its checksum is another one"):
+        read_checkpoint(folder / "points")
+
+
+ENDLESS = "with recursive c(n, a) as (values(1, x'00') union all select n + 1, a from c) select n, a from c"
+
+
+@pytest.mark.parametrize(
+    "strange",
+    [
+        f"alter table point rename to p; create view point(number, arrays) as {ENDLESS}",
+        "create trigger t after insert on point begin delete from point; end",
+        f"create trigger t before insert on header begin insert into point {ENDLESS}; end",
+        "create index i on point(arrays)",
+        "create table more(x)",
+        "drop table point; create table point (number integer primary key, arrays blob check (1))",
+    ],
+)
+def test_databases_that_would_run_something(strange: str, folder: Path) -> None:
+    """Nothing of them is met by a statement: some never end, and are deaf to Ctrl-C."""
+    path = folder / "points"
+    write_checkpoint(path)
+    with closing(sqlite3.connect(path)) as db:
+        db.executescript(strange)
+    before = path.read_bytes()
+    with pytest.raises(CheckpointError, match="is a database of another program .its tables: .*: give"):
+        read_checkpoint(path)
+    assert path.read_bytes() == before
+
+
+def test_numbers_of_nodes_may_be_large(folder: Path) -> None:
+    """A table of them would take 34 GB."""
+    large = 2**32 + 5
+    text = MESH.replace("\n3 1 1 0", f"\n{large} 1 1 0").replace("1 2 3\n$End", f"1 2 {large}\n$End")
+    Path("large.msh").write_text(text)
+    assert read_msh("large.msh").parts["a"].volume() == pytest.approx(0.5, rel=1e-12)
+
+
+def test_a_chaos_file_as_text_is_checked(good: dict[str, Path], folder: Path) -> None:
+    content = json.loads(good["chaos as text"].read_text())
+    for value in (10**400, 1e400, "1", None, [[1]], {}):
+        changed = content | {"indices": value}
+        (folder / "a.json").write_text(json.dumps(changed))
+        refuse("chaos as text", folder / "a.json")
