@@ -43,6 +43,17 @@ def asked(problem: Any, accuracy: float, quantity: Any = None, **settings: Any) 
     return {"errors": made, "reached": bool(made.reached), "status": str(result.status)}
 
 
+def within(value: float, error: float) -> lf.Estimate:
+    """A number that may be off by an error: of a later state, too."""
+    value = float(value)
+    return lf.Estimate(value=value, low=value - error, high=value + error, level=1.0)
+
+
+def beyond(value: float, limit: float) -> float:
+    """Zero where a difference is within its limit: below it there is rounding, which any change changes."""
+    return value if not value <= limit else 0.0
+
+
 def options(rtol: float, **settings: Any) -> lf.Options:
     """Of a scene that may take many iterations."""
     return lf.Options(rtol=rtol, **{"max_iterations": 3000, **settings})
@@ -57,7 +68,8 @@ def refusal(call: Any) -> str:
     return "none"
 
 
-def box(scene: lf.Scene, name: str, size: Sequence[float], cells: Sequence[int], at: Sequence[float], material: Any,
+def box(scene: lf.Scene, name: str, size: Sequence[float], cells: Sequence[int], at: Sequence[float],
+        material: Any,
         degree: int = 1, cell: str | None = None) -> None:
     """A box of its name in a scene."""
     given = {} if cell is None else {"cell": cell}
@@ -117,13 +129,15 @@ def stopped(law: Any, young: float) -> Known:
     """Force of one bar on the stop behind a gap of a law of scipy."""
     stiff, lowest = young * HEIGHT / LENGTH, law.ppf(1e-15)
     first, second = (
-        integrate.quad(lambda g, n=n: (stiff * (MOVE - g)) ** n * law.pdf(g), lowest, MOVE, epsabs=0, limit=400)[0]
+        integrate.quad(lambda g, n=n: (stiff * (MOVE - g)) ** n * law.pdf(g), lowest, MOVE, epsabs=0,
+                       limit=400)[0]
         for n in (1, 2)
     )
     return Known(-first, float(np.sqrt(second - first**2)))
 
 
-def stopped_behind(away: float, covs: Sequence[float], spread: float, young: float, mean: float = 2e4) -> Known:
+def stopped_behind(away: float, covs: Sequence[float], spread: float, young: float,
+                   mean: float = 2e4) -> Known:
     """The same behind lognormal layers, a normal gap whose mean is `away` deviations beyond MOVE."""
     z, w = np.polynomial.hermite_e.hermegauss(60)
     w = w / w.sum()
@@ -180,7 +194,8 @@ def square(scene: lf.Scene, name: str, x: float, y: float, E: float = 100.0, cel
     box(scene, name, (1.0, 1.0), (cells, cells), (x, y), lf.LinearElastic(E, 0.3))
 
 
-def joined(scene: lf.Scene, laws: Mapping[str, Any], faces: Mapping[str, Sequence[str]], **space: str) -> lf.Problem:
+def joined(scene: lf.Scene, laws: Mapping[str, Any], faces: Mapping[str, Sequence[str]],
+           **space: str) -> lf.Problem:
     """The problem with interfaces of these names, faces and laws; the space of some is given."""
     for name, where in faces.items():
         scene.interface(name, *where, laws[name], **({"space": space[name]} if name in space else {}))

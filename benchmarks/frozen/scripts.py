@@ -1,8 +1,8 @@
 """Demos and examples of the documentation, at the sizes that the tests run them at.
 
 Each is executed as it stands; what the public functions of the library return to it is recorded in order as
-``001_solve``, ``002_sweep``, ... (calls inside of these calls are not a script's). ``make_*_step.py`` make no result;
-of solid figures only the paths are made, their processes take longer than the solutions.
+``001_solve``, ``002_sweep``, ... (calls inside of these calls are not a script's). ``make_*_step.py`` make
+no result; of solid figures only the paths are made, their processes take longer than the solutions.
 """
 
 from __future__ import annotations
@@ -142,12 +142,16 @@ def recorded(rtol: float) -> Iterator[Record]:
         for name in ANSWERS:
             stack.enter_context(mock.patch.object(lf, name, record(getattr(lf, name), name)))
         for name in OF_REFERENCES:
-            stack.enter_context(mock.patch.object(lf.reference, name, record(getattr(lf.reference, name), name)))
+            stack.enter_context(mock.patch.object(lf.reference, name,
+                                                  record(getattr(lf.reference, name), name)))
         for name in OF_FUNCTIONS:
             function = getattr(lf.ProblemFunction, name)
-            stack.enter_context(mock.patch.object(lf.ProblemFunction, name, record(function, name.strip("_"))))
+            stack.enter_context(mock.patch.object(lf.ProblemFunction, name,
+                                                  record(function, name.strip("_"))))
         for name in DRAWN:
             stack.enter_context(mock.patch.object(lf.figures, name, _path))
+        sheet = functools.partial(lf.report, pictures=False)
+        stack.enter_context(mock.patch.object(lf, "report", sheet))
         stack.enter_context(mock.patch.object(sys, "path", [folder, str(DEMOS), *sys.path]))
         stack.enter_context(mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}))
         stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
