@@ -44,6 +44,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "interrupts",
         "release",
         "compat",
+        "straight",
         "clipping",
         "memory",
     ),

@@ -47,7 +47,7 @@ class Problem(OneProcess):
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
     which those that touch no part of this rank have no traces here. `held` is what else holds the nodes of a
-    side of an interface. `spread` has the parts whose mesh is on all ranks, see :class:`Condensed`.
+    side of an interface, `centres` are those of supports, loads and parts. `spread` has the parts whose mesh is on all ranks, see :class:`Condensed`.
     """
 
     substructures: dict[str, Substructure]
@@ -56,6 +56,7 @@ class Problem(OneProcess):
     loads: dict[str, PartLoad] = field(default_factory=dict)
     held: dict[tuple[str, int], Held] = field(default_factory=dict, repr=False)
     spread: dict[str, Condensed] = field(default_factory=dict, repr=False)
+    centres: tuple[Array, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
