@@ -45,6 +45,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "interrupts",
         "release",
         "compat",
+        "straight",
         "clipping",
         "memory",
     ),

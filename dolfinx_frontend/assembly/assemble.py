@@ -42,6 +42,7 @@ from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.spread import SpreadPart, condensed
 from dolfinx_frontend.assembly.stretch import with_cells
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
@@ -205,7 +206,10 @@ def _assemble(
         kept = {name for name, s in substructures.items() if s is before.substructures.get(name)}
         if comm is not None:
             kept = {name for each in exchanged(comm, kept) for name in each}
-    interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm, before, kept)
+    centres = _centres(scene, substructures, comm)
+    interfaces = _own_interfaces(
+        scene, owner, rank, substructures, elsewhere, held, centres, say, comm, before, kept
+    )
     relief: dict[str, Interface] = {}
     with agreement(comm):
         if scene.densities is not None and owner[next(iter(scene.substructures))] == rank:
@@ -254,7 +258,7 @@ def _assemble(
         loads = {name: inertia.load_balanced(each) for name, each in loads.items()}
         substructures = inertia.parts_balanced()
     if comm is None:
-        return Problem(substructures, interfaces, None, loads, dict(held))
+        return Problem(substructures, interfaces, None, loads, dict(held), centres=centres)
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
     parts = with_cells(comm, parts, substructures)
@@ -265,6 +269,7 @@ def _assemble(
         loads,
         dict(held),
         spread={name: each.condensed for name, each in spread.items()},
+        centres=centres,
     )
 
 
@@ -413,6 +418,7 @@ def _known_interface(
     spec: InterfaceSpec,
     kept: Container[str],
     held: Mapping[_Where, Held],
+    centres: tuple[Array, ...],
 ) -> Interface | None:
     """An interface as it was assembled before; None: something of it is new. `kept` parts are as before, on
     whatever rank."""
@@ -423,7 +429,10 @@ def _known_interface(
             return None
         if not _same_held(held.get((spec.name, number)), before.held.get((spec.name, number))):
             return None
-    return before.interfaces[spec.name]
+    known = before.interfaces[spec.name]
+    if known.space == "mortar" and len(known.sides) == 2 and not np.allclose(before.centres, centres):
+        return None
+    return known
 
 
 def _own_parts(
@@ -486,6 +495,38 @@ def _renumbered(
     return replace(held, nodes=np.searchsorted(copied_nodes(facets, s.space), held.nodes))
 
 
+def _centres(scene: Scene, substructures: Mapping[str, Substructure], comm: Any) -> tuple[Array, ...]:
+    """Centres of what holds the scene, of what loads it, and of its parts, as far as there is any."""
+    sums: dict[int, Array] = {}
+    with agreement(comm):
+        for joint in scene.interfaces.values():
+            part = substructures.get(joint.faces[0].substructure)
+            if len(joint.faces) == 1 and part is not None:
+                holds = joint.law.elimination is not Elimination.LOAD
+                _add(sums, 0 if holds else 1, part, joint.faces[0].face, joint.remote)
+        for load in scene.loads.values():
+            part = substructures.get(load.part)
+            if load.face and part is not None:
+                _add(sums, 1, part, load.face, None)
+        for part in substructures.values():
+            sums[2] = sums.get(2, 0.0) + np.append(part.volume * part.centre, part.volume)
+    if comm is not None:
+        of_ranks = exchanged(comm, sums)
+        sums = {k: sum(each[k] for each in of_ranks if k in each) for k in set().union(*of_ranks)}
+    return tuple(each[:-1] / each[-1] for _, each in sorted(sums.items()))
+
+
+def _add(sums: dict[int, Array], kind: int, part: Substructure, face: str, remote: Remote | None) -> None:
+    """Add area times place, and area, of a face; a node counts as a face as large as the part."""
+    if remote is not None and remote.node is not None:
+        x, area = np.array(remote.node)[None], np.array([part.length ** (part.dim - 1)])
+    else:
+        facets = FacetMap(part.part, face, f"substructure {part.name!r}")
+        rule, weights = facets.rule(2)
+        x, area = facets.samples.mean(axis=1), (weights * facets.alike_surface(rule)[1]).sum(axis=1)
+    sums[kind] = sums.get(kind, 0.0) + np.append(area @ x, area.sum())
+
+
 def _own_interfaces(
     scene: Scene,
     owner: Mapping[str, int],
@@ -493,6 +534,7 @@ def _own_interfaces(
     substructures: Mapping[str, Substructure],
     elsewhere: Mapping[_Where, FaceCopy],
     held: Mapping[_Where, Held],
+    centres: tuple[Array, ...],
     say: Callable[[str], None],
     comm: Any,
     before: Problem | None,
@@ -506,7 +548,7 @@ def _own_interfaces(
             if rank not in ranks:
                 continue
             say(f"interface {name}")
-            known = _known_interface(before, joint, kept, held)
+            known = _known_interface(before, joint, kept, held, centres)
             if known is not None:
                 interfaces[name] = known
                 continue
@@ -530,6 +572,7 @@ def _own_interfaces(
                 joint.space,
                 joint.overlap,
                 tuple(held.get((name, number)) for number in range(len(members))),
+                centres,
             )
             _check_law(interface)
             interfaces[name] = interface

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, SupportsIndex
+from typing import Any, Protocol, SupportsIndex
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,7 +16,23 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
-__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames"]
+__all__ = ["Elasticity", "Interface", "PointFrames", "Side", "Vertices", "frames"]
+
+
+class Elasticity(Protocol):
+    """What a stiffness of a part is told by."""
+
+    @property
+    def modulus(self) -> float:
+        """Force / area."""
+
+    @property
+    def length(self) -> float:
+        """Length."""
+
+    @property
+    def around(self) -> bool:
+        """Whether it is the section of a body of revolution."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,7 +58,9 @@ class Side:
     normal
         (d,), area-weighted mean unit normal out of this side (0 if the face is closed).
     area
-        Area of the whole face.
+        Area of the whole face; of a node, of a face as large as the cells.
+    lever
+        Displacement of the point where those of the face are 1 at most: 1, and 1 / length of a rotation.
     """
 
     substructure: str
@@ -53,6 +72,7 @@ class Side:
     flatness: float
     normal: Array
     area: float
+    lever: float = 1.0
 
     def __post_init__(self) -> None:
         locked(self)
@@ -143,6 +163,9 @@ class Interface(PointFrames):
         between facets, see :meth:`FacetMap.sags`.
     chords
         (m,), the same where facets are straight and the face is not; 0 elsewhere.
+    one_point
+        Whether it joins a node or the mean motions of faces: its weight is 1, its forces and jumps are those of
+        the whole, and a jump may be a rotation.
     apart
         Distance of faces of curved cells that are taken as touching (:attr:`fits`), where their vertices tell
         one, length; negative: they are inside each other.
@@ -186,6 +209,7 @@ class Interface(PointFrames):
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
     chords: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    one_point: bool = False
     apart: float = field(default=0.0, repr=False)
     why: str = field(default="", repr=False)
     carrier: int = 0
@@ -199,6 +223,31 @@ class Interface(PointFrames):
 
     def __post_init__(self) -> None:
         locked(self)
+
+    def stiffness_unit(self, parts: Mapping[str, Elasticity], modulus: float | None = None) -> float:
+        """Stiffness of the softer part in the unit of a spring of this interface.
+
+        That is modulus / length per area. A point yields where it is: a face of size a takes a force with
+        modulus * a (in 2D modulus), and a moment with a^2 times that (Boussinesq, but for a factor near 1).
+
+        Parameters
+        ----------
+        parts
+            Part -> its modulus and length.
+        modulus
+            Instead of those of the parts.
+        """
+        found = []
+        for side in self.sides:
+            part = parts[side.substructure]
+            unit = part.modulus if modulus is None else modulus
+            if self.one_point:
+                d = 3 if part.around else self.dim
+                unit *= float(side.area ** ((d - 2.0) / (d - 1.0)) / side.lever**2)
+            else:
+                unit /= part.length
+            found.append(unit)
+        return min(found)
 
     def check_unchanged(self) -> None:
         """Raise SceneError if somebody has written to a trace."""

@@ -37,7 +37,7 @@ from dolfinx_frontend.assembly.overlap import (
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.vectors import unit, unit_rows
-from dolfinx_frontend.scene.laws import Law
+from dolfinx_frontend.scene.laws import Elimination, Law
 from dolfinx_frontend.scene.specs import Overlap, PartLike, Space
 
 __all__ = ["coincide", "make_interface", "near_facets"]
@@ -60,6 +60,9 @@ ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 
 FAR = 0.05
 """The same as a fraction of the extent of the smaller face, which refinement does not change."""
+
+_ALIKE = 1e-6
+"""Areas, and places relative to sizes of facets, that differ by less are the same: what turning leaves."""
 
 
 def _side(
@@ -396,6 +399,7 @@ class _Pair:
     areas: tuple[Array, ...]
     degree: int | None
     overlap: Overlap
+    centres: Sequence[Array] = ()
 
     @property
     def dim(self) -> int:
@@ -546,8 +550,32 @@ def _carrier(pair: _Pair) -> tuple[int, str]:
     if twice[0] != twice[1]:
         side = int(twice[1] < twice[0])
         return side, f"at the vertices of {pair.names[side]}, which less else holds"
-    side = int(pair.names[1] < pair.names[0])
-    return side, f"at the vertices of {pair.names[side]}; the sides are alike"
+    squares = [float(np.sum(area**2)) for area in pair.areas]
+    if abs(squares[0] - squares[1]) > _ALIKE * max(squares):
+        side = int(squares[1] < squares[0])
+        return side, f"at the vertices of {pair.names[side]}, the finer side by little"
+    side = _away(pair)
+    return side, f"at the vertices of {pair.names[side]}; the sides are alike, and the scene's centre is on the other"
+
+
+def _away(pair: _Pair) -> int:
+    """The side that is turned away from the first of the centres of the scene that is not between the sides.
+
+    A face of side 1 has the flux sum a n . (c - x) of a centre c, which is > 0 where that is in front of it.
+    Neither the names of parts nor their order enter, nor turning or reflecting the scene. A scene that is
+    symmetric in all of its centres is told by its axes.
+    """
+    face, area = pair.faces[0], pair.areas[0]
+    normals, _ = face.alike_surface(face.rule(2 * int(pair.spaces[0].element.basix_element.degree))[0])
+    turned = area[:, None] * normals.mean(axis=1)
+    middle = face.samples.mean(axis=1)
+    for centre in pair.centres:
+        flux = float(np.sum(turned * (centre - middle)))
+        if abs(flux) > _ALIKE * float(np.sum(np.linalg.norm(turned, axis=1) * face.sizes)):
+            return int(flux < 0.0)
+    along = turned.sum(axis=0)
+    largest = along[np.abs(along) > _ALIKE * area.sum()]
+    return int(len(largest) > 0 and largest[0] < 0.0)
 
 
 def coincide(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
@@ -576,6 +604,7 @@ def make_interface(
     space: Space = "auto",
     overlap: Overlap = "full",
     held: tuple[Held | None, ...] | None = None,
+    centres: Sequence[Array] = (),
 ) -> Interface:
     """Interface points, traces and pairing.
 
@@ -601,6 +630,8 @@ def make_interface(
         part (``"partial"``).
     held
         By side, what else holds its nodes; None: nothing does.
+    centres
+        Points (d,) of the scene from which sides are told whose meshes are alike.
 
     Raises
     ------
@@ -624,13 +655,16 @@ def make_interface(
         areas.append(face.areas(w * face.alike_surface(rule)[1], where, each))
     pair = _Pair(
         where, names, faces, spaces, law, held or (None,) * len(faces), near_facets(faces, max_distance),
-        tuple(areas), quadrature_degree, overlap,
+        tuple(areas), quadrature_degree, overlap, centres,
     )
     two = len(faces) == 2
     alike = coincide(faces, spaces)
     why = ""
     if space == "auto":
         space, why = _choice(pair, alike)
+    elif alike and law.elimination is Elimination.GLUED:
+        # glued nodes and means would be two discretisations of one scene
+        space, why = "points", "its meshes match: a perfect connection ties node by node"
     carrier = 0
     if two and not alike and space != "points":
         _warn_of_uneven_edges(pair)

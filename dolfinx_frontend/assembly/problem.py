@@ -57,7 +57,8 @@ class Problem(OneProcess):
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
     which those that touch no part of this rank have no traces here. `held` is what else holds the nodes of a
     side of an interface. `spread` has the parts whose mesh is on all ranks, see :class:`Condensed`.
-    `loosened`: laws were replaced by others that may hold less, so that parts may be free.
+    `centres` are those of supports, loads and parts. `loosened`: laws were replaced by others that may hold
+    less, so that parts may be free.
     """
 
     substructures: dict[str, Substructure]
@@ -67,6 +68,7 @@ class Problem(OneProcess):
     held: dict[tuple[str, int], Held] = field(default_factory=dict, repr=False)
     spread: dict[str, Condensed] = field(default_factory=dict, repr=False)
     loosened: bool = field(default=False, repr=False)
+    centres: tuple[Array, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         locked(self)

@@ -96,6 +96,7 @@ def _made(spec: InterfaceSpec, sides: tuple[Side, ...], point: Array, wrench: Ar
         matching=None,
         tangent_axis=1 % d,
         areas=sp.csr_matrix((0, 1)),
+        one_point=True,
         why=_why(spec),
         wrench=wrench,
     )
@@ -123,14 +124,21 @@ def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> 
         )
     count = s.size // s.dim
     shape = sp.csr_matrix((np.ones(1), (np.zeros(1, dtype=int), np.array([node]))), shape=(1, count))
-    side = _side(s, spec.faces[0], sp.kron(shape, sp.identity(s.dim), "csr"), shape, np.array([node]))
+    d = 3 if s.around else s.dim
+    of_cells = (s.volume / count) ** ((d - 1.0) / d)
+    trace = sp.kron(shape, sp.identity(s.dim), "csr")
+    side = _side(s, spec.faces[0], trace, shape, np.array([node]), of_cells)
     return _made(spec, (side,), s.dof_coordinates[node].copy(), None)
 
 
-def _side(s: Substructure, face: Face, trace: Any, shape: sp.csr_matrix, nodes: Any) -> Side:
+def _side(
+    s: Substructure, face: Face, trace: Any, shape: sp.csr_matrix, nodes: Any, area: float
+) -> Side:
     d = s.dim
     normals = np.tile(np.eye(d)[0], (len(nodes), 1))
-    return Side(s.name, face.face, petsc_matrix(trace), shape, nodes, normals, 0.0, np.eye(d)[0].copy(), 1.0)
+    lever = float(abs(trace).sum(axis=1).max())
+    normal = np.eye(d)[0].copy()
+    return Side(s.name, face.face, petsc_matrix(trace), shape, nodes, normals, 0.0, normal, area, lever)
 
 
 def _mean_motion(
@@ -144,7 +152,7 @@ def _mean_motion(
         if moment.any() or force[[0, 2]].any():
             raise SceneError(f"{where}: an axisymmetric part has springs along y (its axis) only")
         row = own.nodal(np.tile([0.0, force[1] / own.area], (len(own.x), 1)))
-        return _row(s, face, row, np.array([0.0, force[1], 0.0]), own.centre)
+        return _row(s, face, own.area, row, np.array([0.0, force[1], 0.0]), own.centre)
     given = remote.points[number]
     point = own.centre if given is None else fitting(where, "point", given, d)
     force, moment = np.array(remote.forces[number]), np.array(remote.moments[number])
@@ -154,11 +162,11 @@ def _mean_motion(
         force, moment = force[:2], moment[2:]
     about = moment + np.reshape(cross(point - own.centre, force), -1)
     row = own.nodal(own.spread(force, about))
-    return _row(s, face, row, np.concatenate([force, moment]), np.array(point))
+    return _row(s, face, own.area, row, np.concatenate([force, moment]), np.array(point))
 
 
 def _row(
-    s: Substructure, face: Face, row: Array, wrench: Array, point: Array
+    s: Substructure, face: Face, area: float, row: Array, wrench: Array, point: Array
 ) -> tuple[Side, Array, Array]:
     """A side whose displacement is a row (n,) times the unknowns, its wrench, and the point."""
     d = s.dim
@@ -166,4 +174,4 @@ def _row(
     columns = np.flatnonzero(row)
     trace = sp.csr_matrix((row[columns], (np.zeros(len(columns), dtype=int), columns)), shape=(d, s.size))
     nothing = sp.csr_matrix((1, s.size // d))
-    return _side(s, face, trace, nothing, touched), wrench, point
+    return _side(s, face, trace, nothing, touched, area), wrench, point

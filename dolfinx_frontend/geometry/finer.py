@@ -20,6 +20,7 @@ from dolfinx import mesh as dmesh
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import check_kind, checked_callable
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh, vertex_nodes
+from dolfinx_frontend.common.straight import moved_tags, sorted_tags, straight_mesh
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.geometry.sizes import SizeField
 
@@ -150,7 +151,7 @@ def bisected(part: Any, ratios: Array, rounds: int = 3) -> Part:
 def _cut(part: Any, marked: Flags) -> tuple[Part, Ints]:
     """Halve the edges of the marked cells. Returns the part, and the cell that each of its cells is from."""
     mesh, order = part.mesh, int(coordinate_map(part.mesh).degree)
-    base, tags = (mesh, part.facet_tags) if order == 1 else _straight(part)
+    base, tags = (mesh, part.facet_tags) if order == 1 else straight_mesh(part)
     topology = base.topology
     topology.create_entities(1)
     topology.create_connectivity(topology.dim, 1)
@@ -167,57 +168,13 @@ def _cut(part: Any, marked: Flags) -> tuple[Part, Ints]:
     topology.create_connectivity(d, d - 1)
     topology.create_connectivity(d - 1, d)
     moved = dmesh.transfer_meshtag(tags, fine, parent, facet)
-    found = Part(fine, _sorted_tags(fine, moved.indices, moved.values), dict(part.names))
+    found = Part(fine, sorted_tags(fine, moved.indices, moved.values), dict(part.names))
     # as a tag: the order of `parent` is that of the cells before they were renumbered
     every = np.arange(topology.index_map(d).size_local, dtype=np.int32)
     of_cells = dmesh.transfer_meshtag(dmesh.meshtags(base, d, every, every), fine, parent)
     origin = np.zeros(fine.topology.index_map(d).size_local, dtype=np.int64)
     origin[of_cells.indices] = of_cells.values
     return (found, origin) if order == 1 else _curved(part, base, found, origin, order)
-
-
-def _sorted_tags(mesh: dmesh.Mesh, facets: npt.NDArray[np.int32], values: npt.NDArray[np.int32]) -> Any:
-    order = np.argsort(facets)
-    d = mesh.topology.dim - 1
-    return dmesh.meshtags(mesh, d, np.asarray(facets)[order], np.asarray(values)[order])
-
-
-def _straight(part: Any) -> tuple[dmesh.Mesh, Any]:
-    """The mesh of a part with straight cells, in the same order, and its tags."""
-    mesh = part.mesh
-    name = str(mesh.topology.cell_name())
-    corners = np.asarray(cell_nodes(mesh))[:, : mesh.topology.dim + 1]
-    kept, cells = np.unique(corners, return_inverse=True)
-    x = np.asarray(mesh.geometry.x)[kept, : mesh.geometry.dim]
-    straight = create_mesh(cells.reshape(corners.shape).astype(np.int64), x, name, 1)
-    # vertices of the new mesh -> nodes of the old one
-    rows = np.asarray(straight.geometry.input_global_indices, dtype=np.int64)
-    of_new = kept[rows[vertex_nodes(straight)]]
-    tags = _moved_tags(mesh, vertex_nodes(mesh), part.facet_tags, straight, of_new)
-    # cells in the order of the old mesh, so that what is said of one holds for the other
-    return straight, tags
-
-
-def _moved_tags(mesh: dmesh.Mesh, names: Any, tags: Any, other: dmesh.Mesh, of_other: Any) -> Any:
-    """The tags of facets of a mesh on another one whose vertices have the same names."""
-
-    def keys(of: dmesh.Mesh, known: Any) -> Any:
-        d = of.topology.dim
-        of.topology.create_entities(d - 1)
-        of.topology.create_connectivity(d - 1, 0)
-        links = of.topology.connectivity(d - 1, 0)
-        width = links.links(0).size
-        return np.sort(known[np.asarray(links.array).reshape(-1, width)], axis=1)
-
-    both = np.concatenate([keys(mesh, names)[tags.indices], keys(other, of_other)])
-    _, number = np.unique(both, axis=0, return_inverse=True)
-    number = number.ravel()
-    count = len(tags.indices)
-    value = np.zeros(number.max() + 1, dtype=np.int32)
-    value[number[:count]] = tags.values
-    found = value[number[count:]]
-    facets = np.flatnonzero(found).astype(np.int32)
-    return _sorted_tags(other, facets, found[facets])
 
 
 def _original(mesh: dmesh.Mesh) -> Ints:
@@ -246,7 +203,7 @@ def _curved(part: Any, base: dmesh.Mesh, fine: Part, parent: Ints, order: int) -
     corners = np.asarray(fine.mesh.topology.connectivity(d, 0).array).reshape(-1, d + 1)
     names[corners] = cells[:, : d + 1]
     rows = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
-    tags = _moved_tags(fine.mesh, names, fine.facet_tags, mesh, rows[vertex_nodes(mesh)])
+    tags = moved_tags(fine.mesh, names, fine.facet_tags, mesh, rows[vertex_nodes(mesh)])
     return Part(mesh, tags, dict(part.names)), of_old[_original(mesh)]
 
 
@@ -318,4 +275,4 @@ def _tags_by_place(part: Any, fine: dmesh.Mesh) -> Any:
         outer = bits[corner, axis] == end
         found[of_piece[outer, k]] = value[of_cell[parent[outer], k]]
     facets = np.flatnonzero(found).astype(np.int32)
-    return _sorted_tags(fine, facets, found[facets])
+    return sorted_tags(fine, facets, found[facets])

@@ -78,8 +78,10 @@ RANGE = 1e130
 beside it into double precision."""
 
 
-def _scale(problem: Problem, plan: Plan) -> float:
-    """E / L of the scene."""
+def _scale(problem: Problem, plan: Plan, interface: Interface) -> float:
+    """E / L of the scene, or of one point what takes its place."""
+    if interface.one_point:
+        return interface.stiffness_unit(problem.parts, problem.modulus)
     return problem.modulus / (plan.direction.length or problem.length)
 
 
@@ -88,21 +90,22 @@ def _direction(
 ) -> Array:
     """Search direction k of an interface, (components * m,), the same on both sides."""
     given = plan.direction.given.get(interface.name)
+    usual = problem.modulus / problem.length
+    if interface.one_point:
+        usual = _scale(problem, plan, interface)
     if given is not None:
         per_point = resolve(given, interface, 1, name="search direction")
         if per_point.size and per_point.min() > 0.0:  # others are refused by the kernel
-            usual = problem.modulus / problem.length
             what = f"what is given for interface {interface.name!r}"
             check_reach(what, per_point.min() / usual, per_point.max() / usual, reach=GIVEN_REACH)
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
     law = interface.law
     patch = law.search_direction == "patch"
-    unit = plan.direction.factor * _scale(problem, plan)
-    if plan.direction.length is not None:
-        usual = problem.modulus / problem.length
+    unit = plan.direction.factor * _scale(problem, plan, interface)
+    if plan.direction.length is not None and not interface.one_point:
         check_reach(f"with length = {plan.direction.length:g} it", unit / usual, reach=GIVEN_REACH)
-    if plan.direction.length is None:
+    if plan.direction.length is None and not interface.one_point:
         shorter = 1.0
         if plan.macro:
             shorter = bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
@@ -353,7 +356,6 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
         The answer is to be corrected: stiffnesses that the factors cannot bear are replaced.
     """
     own = problem.own
-    scale = _scale(problem, plan)
     reduced = _reduced(own, plan)
     bodies = [
         _body(
@@ -379,6 +381,7 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
         interface = own.interfaces[name]
         found[name] = fields = active_fields(interface, plan)
         direction = _direction(problem, plan, interface, fields, count)
+        scale = _scale(problem, plan, interface)
         interfaces.append(_interface(own, plan, interface, fields, direction, scale, motions))
     return Description(bodies, interfaces, found, reduced)
 
@@ -467,6 +470,7 @@ def _interface(
             "direction": direction,
             "scale": scale,
             "motions": on_side(motions, side, fields.frames),
+            "lever": side.lever,
         }
         if side.substructure in own.substructures
         else {"member": side.substructure}
@@ -500,9 +504,14 @@ def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields
             add(body.load[name], part.modulus * part.length ** (part.dim - 1))
             add(body.offset[name], part.length)
     for name, fields in laws.items():
-        sides = [parts[s.substructure] for s in problem.interfaces[name].sides if s.substructure in parts]
+        interface = problem.interfaces[name]
+        sides = [parts[s.substructure] for s in interface.sides if s.substructure in parts]
         part = min(sides, key=lambda each: each.modulus)
-        for parameter, unit in (("force", part.modulus), ("jump", part.length)):
+        force, jump = part.modulus, part.length
+        if interface.one_point:  # of its whole, maybe a rotation
+            jump *= max(side.lever for side in interface.sides)
+            force = interface.stiffness_unit(parts) * jump
+        for parameter, unit in (("force", force), ("jump", jump)):
             if parameter in fields.parameters:
                 add(fields.parameters[parameter], unit)
         if "gap" in fields.parameters:  # an interference loads, an opening does not

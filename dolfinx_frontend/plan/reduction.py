@@ -487,14 +487,13 @@ def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
 
 
 SOFT, STIFF = 1e-8, 1e5
-"""Range of kappa, relative to E / L of the softer part, that is factorised as it is where corrections follow:
+"""Range of kappa, relative to the stiffness of the softer part, that is factorised as it is where corrections follow:
 beyond it rounding would take more than corrections give back."""
 
 
 def factorised_stiffness(problem: Problem, interface: Interface, kappa: Array) -> Array:
     """kappa of a spring as it is factorised where corrections follow: brought into that range."""
-    parts = [problem.substructures[side.substructure] for side in interface.sides]
-    unit = min(part.modulus / part.length for part in parts)
+    unit = interface.stiffness_unit(problem.substructures)
     return np.where(kappa > 0.0, np.clip(kappa, SOFT * unit, STIFF * unit), kappa)
 
 

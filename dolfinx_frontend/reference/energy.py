@@ -63,8 +63,7 @@ def energy_error(
         if not law.springs:
             continue
         i = problem.interfaces[name]
-        parts = [problem.substructures[s.substructure] for s in i.sides]
-        cap = min(p.modulus / p.length for p in parts)
+        cap = i.stiffness_unit(problem.substructures)
         kappa = law.stiffnesses(i)
         k = (i.weights[:, None] * kappa * cap / (kappa + cap))[:, :, None]
         above += float(np.sum(k * spring_jump(problem, name, error) ** 2))

@@ -9,10 +9,12 @@ from typing import Any, Literal, Protocol, cast, get_args
 import numpy as np
 from dolfinx import mesh as dmesh
 
+from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.checks import check_known, checked_numbers, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.straight import straight_mesh
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
@@ -58,6 +60,20 @@ class PartLike(Protocol):
     @property
     def names(self) -> dict[str, int]:
         """Face name -> tag."""
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A part with straight cells instead of its curved ones; what is not here is its part's."""
+
+    part: PartLike
+    mesh: dmesh.Mesh
+    facet_tags: Any
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "part":
+            raise AttributeError(name)
+        return getattr(self.part, name)
 
 
 @dataclass(frozen=True)
@@ -141,6 +157,23 @@ class SubstructureSpec:
             return spec
         return replace(spec, material=getattr(spec.material, "revolved", spec.material))
 
+    def _straightened(self, where: str) -> SubstructureSpec:
+        """The same with straight cells where its displacements are linear: on curved ones linear displacements
+        lack the rotations, which then strain the part and carry torque."""
+        if self.degree > 1 or int(coordinate_map(self.part.mesh).degree) == 1:
+            return self
+        if self.spread:
+            raise SceneError(
+                f"{where}: degree=1 on curved cells: a rotation would strain them; give degree=2, or a mesh "
+                "with straight cells"
+            )
+        warn(
+            f"{where}: degree=1 on curved cells: they are made straight, as a rotation would strain them else; "
+            "give degree=2 to keep the curves",
+            SceneWarning,
+        )
+        return replace(self, source=Straight(self.part, *straight_mesh(self.part)))
+
     def made(self) -> SubstructureSpec:
         """The same with its part made, and checked.
 
@@ -170,7 +203,7 @@ class SubstructureSpec:
                 f"{where}: its mesh is spread over processes: give the mesh, which all of them have, and no "
                 "function; or make it on COMM_SELF"
             )
-        spec = spec.with_mean_stiffness()
+        spec = spec._straightened(where).with_mean_stiffness()
         plane = getattr(spec.material, "plane", "")
         if spec.axisymmetric and not isinstance(spec.source, Revolved):
             if spec.dim != 2:

@@ -313,7 +313,7 @@ def _body_tree(body: Mapping[str, Any], matrices: _Matrices) -> Tree:
 def _interface_tree(interface: Mapping[str, Any], law: str, matrices: _Matrices) -> Tree:
     sides = [
         {k: v for k, v in side.items() if v is not None}
-        | {"trace": matrices.add(side["trace"]), "scale": float(side["scale"])}
+        | {"trace": matrices.add(side["trace"]), "scale": float(side["scale"]), "lever": float(side["lever"])}
         for side in interface["sides"]
     ]
     tree = {

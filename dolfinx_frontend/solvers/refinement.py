@@ -134,8 +134,8 @@ class _Spring:
 
     def rounding(self, u: Blocks) -> Array:
         """Size of the rounding errors of these jumps."""
-        sizes = ROUNDING * np.sum([np.abs(u[name]).max(axis=0) for name, _ in self.traces], axis=0)
-        return np.broadcast_to(sizes, self.jump.shape)
+        levers = [(name, np.asarray(abs(trace).sum(axis=1))) for name, trace in self.traces]
+        return ROUNDING * np.sum([lever * np.abs(u[name]).max(axis=0) for name, lever in levers], axis=0)
 
     def push(self, forces: Blocks, force: Array) -> None:
         """Add what a force of the spring does to its parts."""

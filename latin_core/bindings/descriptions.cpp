@@ -85,10 +85,13 @@ trace
 direction
     (components * points,) search direction k > 0, force / length^3.
 scale
-    Modulus / length of the part: what a displacement is measured with.
+    Modulus / length of the part: what a displacement is measured with; of a force that is no force per area, the
+    stiffness of the place where it acts.
 motions
     (components * points, r), rigid motions of the part (or of what it is joined with) that nothing else resists, of
     mean square 1 over it, the same on all of its sides: errors are measured of them, too. None: there are none.
+lever
+    Trace where displacements of the part are 1 at most: of a rotation 1 / length.
 )doc";
 
 constexpr const char* interface_doc = R"doc(An active interface: two sides, or one and the ground.
@@ -212,7 +215,7 @@ void bind_descriptions(py::module_& m) {
 
   py::class_<SideDescription>(m, "Side", side_doc)
       .def(py::init([](const std::string& member, py::handle trace, py::handle direction,
-                       py::handle scale, py::handle motions) {
+                       py::handle scale, py::handle motions, double lever) {
              if (trace.is_none() && direction.is_none() && scale.is_none()) {
                return SideDescription{member, {}, {}, 0.0};
              }
@@ -221,10 +224,10 @@ void bind_descriptions(py::module_& m) {
                  member, to_petsc_copy(trace, "trace of " + member),
                  to_matrix(direction, who + "direction", any, 1).col(0),
                  to_number(scale, who + "scale"),
-                 motions.is_none() ? latin::Matrix() : to_matrix(motions, who + "motions")};
+                 motions.is_none() ? latin::Matrix() : to_matrix(motions, who + "motions"), lever};
            }),
            py::kw_only(), "member"_a, "trace"_a = py::none(), "direction"_a = py::none(),
-           "scale"_a = py::none(), "motions"_a = py::none())
+           "scale"_a = py::none(), "motions"_a = py::none(), "lever"_a = 1.0)
       .def("__repr__", [](const SideDescription& s) {
         return "Side(" + s.member + ", " +
                (s.direction.size() > 0 ? std::to_string(s.direction.size()) + " rows)"

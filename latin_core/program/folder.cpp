@@ -197,7 +197,8 @@ substructure::InterfaceDescription Folder::interface(const Node& node) const {
     if (owner->second == communicator_.rank()) {
       sides.push_back({member, trace(each, each.integer("trace")), each.vector("direction"),
                        each.number("scale"),
-                       each.has("motions") ? each.matrix("motions") : latin::Matrix()});
+                       each.has("motions") ? each.matrix("motions") : latin::Matrix(),
+                       each.has("lever") ? each.number("lever") : 1.0});
     } else {
       sides.push_back({member, {}, {}, 0.0});
     }

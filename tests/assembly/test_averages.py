@@ -648,3 +648,20 @@ def test_points_lose_the_order_where_facets_keep_it():
     """Quadrature points miss the kinks of side 2: the nodal forces have a relative error of order 1."""
     points, facets = (energy_norm_error(s, "elastic", 8, 2) for s in ("points", "facets"))
     assert points > 1.4 * facets
+
+
+@pytest.mark.parametrize("space", ["points", "facets", "mortar"])
+def test_perfect_on_matching_meshes_is_one_discretisation(space: str) -> None:
+    """Kept or assembled, at any tolerance, its nodes are tied."""
+    scene = Scene()
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        part = geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0), cell="quadrilateral")
+        scene.substructure(name, part, LinearElastic(1e3, 0.2), degree=2)
+    scene.fix("a:x0")
+    scene.interface("tie", "a:x1", "b:x0", Perfect(), space=space)  # type: ignore[arg-type]
+    scene.traction("b:x1", (0.0, 1.0))
+    problem = assemble(scene)
+    known = monolithic(problem).displacements["b"]
+    for active in (None, "all"):
+        result = solve(problem, active=active, options=Options(rtol=1e-10), progress=False)
+        assert np.abs(result.displacements["b"] - known).max() < 1e-9 * np.abs(known).max()

@@ -94,6 +94,7 @@ class Side:
         direction: npt.ArrayLike | None = None,  # (components * points,), force / length^3
         scale: float | None = None,  # modulus / length
         motions: npt.ArrayLike | None = None,  # (components * points, r)
+        lever: float = 1.0,  # of a rotation 1 / length
     ) -> None: ...
 
 class Interface:

@@ -76,7 +76,7 @@ std::vector<bool> Multipliers::idle_bodies() const {
 /// Bodies without forces, and without interfaces that would hold them if they moved a little away.
 void Multipliers::find_placeless() {
   Vector away = free_jump();
-  const double little = of_rounding * (traces_ + tangent_.traces() * moved_).cwiseAbs().maxCoeff();
+  const double little = of_rounding * farthest();
   for (const auto& [normal, count] : coupled_) {
     away(normal) += little;
   }

@@ -274,11 +274,20 @@ bool Multipliers::solve_column(const Vector& force, bool lands) {
   return false;
 }
 
+/// The largest displacement of a side.
+double Multipliers::farthest() const {
+  const Vector traces = traces_ + tangent_.traces() * moved_;
+  return traces.cwiseQuotient(joined().levers()).cwiseAbs().maxCoeff();
+}
+
 /// Free jumps of points that are pressed together by far.
 Vector Multipliers::all_pressed() const {
   Vector jump = free_jump();
-  const double reach = (traces_ + tangent_.traces() * moved_).cwiseAbs().maxCoeff();
-  const double far = pressed * (jump.cwiseAbs().maxCoeff() + reach);
+  double open = 0.0;
+  for (const Index unknown : nonlinear_) {
+    open = std::max(open, std::abs(jump(unknown)));
+  }
+  const double far = pressed * (open + farthest());
   for (const auto& [normal, count] : coupled_) {
     jump(normal) = -far;
   }
@@ -521,8 +530,9 @@ bool Multipliers::find_equilibrium() {
 /// The largest change of a body's faces, relative to their displacements.
 /// @param apart bodies that do not count; empty: all do
 double Multipliers::change(const Vector& step, const std::vector<bool>& apart) const {
-  const Vector now = traces_ + tangent_.traces() * moved_;
-  const Vector moves = tangent_.traces() * step;
+  const Vector lengths = joined().levers().cwiseInverse();
+  const Vector now = lengths.cwiseProduct(traces_ + tangent_.traces() * moved_);
+  const Vector moves = lengths.cwiseProduct(tangent_.traces() * step);
   const double reach = now.cwiseAbs().maxCoeff();
   double worst = 0.0;
   for (std::size_t b = 0; b < joined().bodies().size(); ++b) {

@@ -336,8 +336,8 @@ std::vector<SparseRows> spring_jumps(const std::vector<Spring>& springs,
   return jumps;
 }
 
-/// The largest entry of its members and springs; 0 of a single member without springs.
-double stiffest_of(const BodyDescription& description) {
+/// The largest entry of its members and springs (of the jumps given); 0 of a single member without springs.
+double stiffest_of(const BodyDescription& description, const std::vector<SparseRows>& jumps) {
   double largest = 0.0;
   if (description.members.size() > 1 || !description.springs.empty()) {
     for (const Member& member : description.members) {
@@ -345,8 +345,13 @@ double stiffest_of(const BodyDescription& description) {
                                              member.stiffness->nonZeros());
       largest = entries.size() > 0 ? std::max(largest, entries.cwiseAbs().maxCoeff()) : largest;
     }
-    for (const Spring& spring : description.springs) {
-      largest = std::max(largest, spring.stiffness.size() > 0 ? spring.stiffness.maxCoeff() : 0.0);
+    for (std::size_t i = 0; i < jumps.size(); ++i) {
+      for (Index row = 0; row < jumps[i].rows(); ++row) {
+        for (SparseRows::InnerIterator it(jumps[i], row); it; ++it) {
+          const double entry = description.springs[i].stiffness(row) * it.value() * it.value();
+          largest = std::max(largest, entry);
+        }
+      }
     }
   }
   return largest;
@@ -422,7 +427,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
       of_stiffness_ += prolongations_[e].transpose() * description.members[e].of_stiffness;
     }
   }
-  stiffest_ = stiffest_of(description);
+  stiffest_ = stiffest_of(description, jumps);
   keep_stretches(description, lower, options);
   for (Member& member : description.members) {
     offsets_.push_back(std::move(member.offset));

@@ -99,6 +99,8 @@ void Joined::take_own(const Laws* laws, bool matrices) {
   }
   weights_ = structure_.weights();
   directions_ = structure_.directions();
+  scales_ = structure_.trace_metric().cwiseQuotient(weights_);
+  levers_ = structure_.levers();
 }
 
 void Joined::number_interfaces() {
@@ -164,6 +166,8 @@ std::vector<double> Joined::packed() const {
   packer.add(weights_.size());
   packer.add(weights_);
   packer.add(directions_);
+  packer.add(scales_);
+  packer.add(levers_);
   packer.add(static_cast<Index>(bodies_.size()));
   for (const JoinedBody& body : bodies_) {
     packer.add(body.first_row);
@@ -200,12 +204,14 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
   interfaces_.clear();
   std::vector<double> weights;
   std::vector<double> directions;
+  std::vector<double> scales;
+  std::vector<double> levers;
   for (const std::vector<double>& numbers : of_ranks) {
     Unpacker from(numbers);
     const Index rows = from.index();
     rows_of_ranks_.push_back(rows);
     active_of_ranks_.push_back(0);
-    for (std::vector<double>* values : {&weights, &directions}) {
+    for (std::vector<double>* values : {&weights, &directions, &scales, &levers}) {
       const Vector own = from.list(rows);
       values->insert(values->end(), own.begin(), own.end());
     }

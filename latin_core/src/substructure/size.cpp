@@ -189,10 +189,7 @@ Vector Yardstick::rounding_of_strains(const Sizes& whole) const {
 Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
   Vector metric(static_cast<Index>(structure.bodies().size()));
   for (Index b = 0; b < metric.size(); ++b) {
-    const auto at = static_cast<std::size_t>(b);
-    metric(b) = structure.trace_metric()
-                    .segment(structure.body_rows()[at], structure.bodies()[at].rows())
-                    .sum();
+    metric(b) = structure.metric_of(static_cast<std::size_t>(b));
   }
   Vector stiffness(metric.size());
   for (Index b = 0; b < metric.size(); ++b) {

@@ -32,6 +32,10 @@ void check_side(const InterfaceDescription& interface, const SideDescription& si
     refuse_interface(interface.name, "scale is " + std::to_string(side.scale) +
                                          ": give modulus / length of the part, > 0");
   }
+  if (!(side.lever > 0.0) || !std::isfinite(side.lever)) {
+    refuse_interface(interface.name, "lever is " + std::to_string(side.lever) +
+                                         ": give 1, or of a rotation 1 / length, > 0");
+  }
   if (!(side.direction.array() > 0.0).all() || !side.direction.allFinite()) {
     refuse_interface(interface.name, "search direction must be positive and finite (got " +
                                          std::to_string(side.direction.minCoeff()) + ")");
@@ -113,16 +117,19 @@ Structure::Structure(std::vector<BodyDescription> bodies,
     Sides sides{std::vector<std::vector<BodySide>>(bodies.size()), {}};
     sides.owner.resize(bodies.size());
     std::vector<std::vector<double>> scales;
+    std::vector<std::vector<double>> levers;
     std::vector<std::vector<Matrix>> motions;
     for (InterfaceDescription& interface : interfaces) {
       auto& own = scales.emplace_back();
       std::ranges::transform(interface.sides, std::back_inserter(own), &SideDescription::scale);
+      auto& lever = levers.emplace_back();
+      std::ranges::transform(interface.sides, std::back_inserter(lever), &SideDescription::lever);
       auto& moved = motions.emplace_back();
       std::ranges::transform(interface.sides, std::back_inserter(moved), &SideDescription::motions);
       add_interface(std::move(interface), owners, sides);
     }
     build_bodies(std::move(bodies), std::move(sides), options, before);
-    stack_metrics(scales, motions);
+    stack_metrics(scales, levers, motions);
   });
   connect();
   find_components(joined);
@@ -247,10 +254,12 @@ void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
 }
 
 void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
+                              const std::vector<std::vector<double>>& levers,
                               const std::vector<std::vector<Matrix>>& motions) {
   weights_.resize(rows_);
   directions_.resize(rows_);
   trace_metric_ = Vector::Zero(rows_);
+  levers_ = Vector::Ones(rows_);
   std::vector<Matrix> on_sides(bodies_.size());
   for (std::size_t i = 0; i < interfaces_.size(); ++i) {
     const ActiveInterface& interface = interfaces_[i];
@@ -258,6 +267,7 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
       if (interface.rows[s] >= 0) {
         trace_metric_.segment(interface.rows[s], interface.size()) =
             scales[i][s] * interface.geometry.weights;
+        levers_.segment(interface.rows[s], interface.size()).setConstant(levers[i][s]);
         const auto after = std::ranges::upper_bound(body_rows_, interface.rows[s]);
         const auto b = static_cast<std::size_t>(after - body_rows_.begin()) - 1;
         Matrix& all = on_sides[b];
@@ -283,9 +293,13 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
     motions_.push_back(motion_of(b, on_sides[b]));
     carried_.push_back(motions_[b].rows() > 0 && bodies_[b].unloaded());
-    rigid_.emplace_back(on_sides[b] /
-                        std::sqrt(trace_metric_.segment(body_rows_[b], bodies_[b].rows()).sum()));
+    rigid_.emplace_back(on_sides[b] / std::sqrt(metric_of(b)));
   }
+}
+
+double Structure::metric_of(std::size_t body) const {
+  const auto rows = Eigen::seqN(body_rows_[body], bodies_[body].rows());
+  return trace_metric_(rows).dot(levers_(rows).cwiseAbs2());
 }
 
 /// How the motion of a body as a whole follows from the displacements of its sides, by least squares.
@@ -299,7 +313,7 @@ Matrix Structure::motion_of(std::size_t body, const Matrix& on_sides) const {
   const double largest = seen.eigenvalues().maxCoeff();
   const Vector inverse = (seen.eigenvalues().array() > unseen * largest)
                              .select(seen.eigenvalues().array().inverse(), 0.0);
-  return std::sqrt(metric.sum()) * seen.eigenvectors() * inverse.asDiagonal() *
+  return std::sqrt(metric_of(body)) * seen.eigenvectors() * inverse.asDiagonal() *
          seen.eigenvectors().transpose() * on_sides.transpose() * metric.asDiagonal();
 }
 

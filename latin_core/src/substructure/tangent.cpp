@@ -141,16 +141,20 @@ Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joine
 
 /// Bounds of what slopes of the laws may be.
 void Tangent::set_rigid() {
-  // stiffness of the nodes per area, of each its own
-  const Vector areas = traces_.cwiseAbs().transpose() * joined_->weights();
+  // stiffness of the nodes in the units of the rows, of each its own: rows are measured by what stretches like them
+  const Vector units = joined_->weights().cwiseProduct(joined_->scales());
+  const Vector& levers = joined_->levers();
+  const Vector of_nodes = traces_.cwiseAbs().transpose() * units.cwiseProduct(levers);
   const Vector stiffness = diagonal();
   Vector of_rows = Vector::Zero(joined_->rows());
   for (Index row = 0; row < traces_.rows(); ++row) {
     for (SparseRows::InnerIterator it(traces_, row); it; ++it) {
       // nodes that see next to nothing of the interface have no say
-      const double area = std::max(areas(it.col()), least_area * joined_->weights()(row));
-      if (area > 0.0) {
-        of_rows(row) = std::max(of_rows(row), stiffness(it.col()) / area);
+      const double unit =
+          std::max(of_nodes(it.col()), least_area * units(row) * levers(row) * levers(row));
+      if (unit > 0.0) {
+        of_rows(row) =
+            std::max(of_rows(row), joined_->scales()(row) * stiffness(it.col()) / unit);
       }
     }
   }
@@ -177,13 +181,13 @@ SparseRows Tangent::joined_springs() const {
          SparseRows(traces_.transpose() * SparseRows(holding.asDiagonal() * traces_));
 }
 
-/// The stiffest of the springs that are no rigid connections.
+/// The stiffest of the springs that are no rigid connections, relative to the search directions of its sides together.
 double Tangent::stiffest_spring(const Matrix& slopes) const {
   double stiffest = 0.0;
   for (Index row = 0; row < slopes.rows(); ++row) {
     const double own = slopes(row, component(row)) * flexibility_(row);
     if (own < stiffest_rigid) {
-      stiffest = std::max(stiffest, own / (1.0 - own) / flexibility_(row));
+      stiffest = std::max(stiffest, own / (1.0 - own));
     }
   }
   return stiffest;
@@ -196,7 +200,7 @@ double Tangent::reduction(const Matrix& slope, Index first, double stiffest_spri
     own = std::max(own, slope(i, i) * flexibility_(first + i));
   }
   const double stiffness =
-      own < stiffest_rigid ? own / (1.0 - own) : stiffest_spring * flexibility_(first);
+      own < stiffest_rigid ? own / (1.0 - own) : stiffest_spring;
   const double most = stiffness / off_springs;
   return std::max(rigid_.segment(first, slope.rows()).maxCoeff(),
                   std::min(most / (1.0 + most), springs_.segment(first, slope.rows()).maxCoeff()));
@@ -361,8 +365,10 @@ void Tangent::hold_with(double hold) {
   holding_ = hold * joined_->directions();
   if (hold <= least_hold) {
     // a soft body beside a stiff one must not feel the springs of the stiff one, which are above rounding of its own
-    const double softest = joined_->directions().minCoeff();
-    holding_ = (of_rounding * joined_->directions()).cwiseMax(hold * softest).cwiseMin(holding_);
+    const double softest = joined_->directions().cwiseQuotient(joined_->scales()).minCoeff();
+    holding_ = (of_rounding * joined_->directions())
+                   .cwiseMax(hold * softest * joined_->scales())
+                   .cwiseMin(holding_);
   }
 }
 
@@ -661,7 +667,7 @@ Matrix Tangent::inner_forces(const Matrix& traces) const {
     // what is glued into a body may be stiffer than its faces, and is added up with it more than once
     const Vector diagonal = body.stiffness.diagonal().cwiseMax(glued_sums * body.stiffest);
     for (Index column = 0; column < traces.cols(); ++column) {
-      const auto moved = all.col(column)(rows);
+      const auto moved = all.col(column)(rows).cwiseQuotient(joined_->levers()(rows));
       const double largest = moved.size() > 0 ? moved.cwiseAbs().maxCoeff() : 0.0;
       forces.col(column).segment(joined_->first_active()[b], diagonal.size()) = largest * diagonal;
     }

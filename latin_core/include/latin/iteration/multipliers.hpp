@@ -91,6 +91,7 @@ class Multipliers {
                                    const Vector& step) const;
   [[nodiscard]] double step_length(const Answered& at, const Vector& residual, const Vector& step);
   [[nodiscard]] Vector free_jump() const;
+  [[nodiscard]] double farthest() const;
   [[nodiscard]] Vector all_pressed() const;
   void follow(Vector& bounds, const Vector& now) const;
   [[nodiscard]] double change(const Vector& step, const std::vector<bool>& apart) const;

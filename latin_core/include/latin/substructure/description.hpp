@@ -14,11 +14,15 @@ struct SideDescription {
   std::string member;  ///< substructure that the side belongs to
   SparseRows trace;    ///< T (dim * points, n), global components
   Vector direction;    ///< search direction k per row (components * points), > 0
-  double scale;        ///< modulus / length of the body: what a displacement is measured with, > 0
+  /// What a displacement is measured with, > 0: modulus / length of the body, or in the unit of the law's stiffness
+  /// that of the place where a force acts that is no force per area.
+  double scale;
   /// (rows, r) Rigid motions of the body that nothing in it resists, of mean square 1 over the body, local frame:
   /// faces say little of what a motion about them does far away. Empty: none.
   // NOLINTNEXTLINE(readability-redundant-member-init): callers may leave it out
   Matrix motions{};
+  /// Trace where displacements of the body are 1 at most, > 0: of a rotation 1 / length.
+  double lever = 1.0;
 };
 
 /// An active interface: the caller's description. One side: boundary interface. An interface whose sides

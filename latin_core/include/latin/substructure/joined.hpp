@@ -56,6 +56,10 @@ class Joined {
   /// Areas W and search directions k, (rows).
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return directions_; }
+  /// What displacements are measured with, (rows), see SideDescription::scale.
+  [[nodiscard]] const Vector& scales() const { return scales_; }
+  /// See Structure::levers(), (rows).
+  [[nodiscard]] const Vector& levers() const { return levers_; }
 
   /// Tables of this rank's rows, (own rows, c), into that of all, (rows, c).
   [[nodiscard]] Matrix of_rows(ConstMatrixRef own) const;
@@ -89,6 +93,8 @@ class Joined {
   Index most_components_ = 0;
   Vector weights_;
   Vector directions_;
+  Vector scales_;
+  Vector levers_;
   /// Interfaces of this rank that it speaks for: with their first side here.
   std::vector<std::size_t> spoken_for_;
   std::vector<Index> first_unknowns_;

@@ -41,7 +41,7 @@ enum class Noise : std::uint8_t { ignored, counted };
 /// What errors are relative to.
 struct Yardstick {
   ColumnGroups groups;
-  Vector metric;     ///< (bodies) sum of scale * W
+  Vector metric;     ///< (bodies) see Structure::metric_of()
   Vector stiffness;  ///< (bodies) sum of the stiffnesses of the active unknowns, each alone
   std::vector<bool> carried;     ///< (bodies) see Structure::carried()
   std::vector<Index> component;  ///< (bodies) see Structure::component()

@@ -114,6 +114,10 @@ class Structure {
   [[nodiscard]] const Vector& inverse_directions() const { return inverse_directions_; }
   /// scale * W: what displacements of the sides are measured with.
   [[nodiscard]] const Vector& trace_metric() const { return trace_metric_; }
+  /// The same of all rows of a body, of displacements of 1: force / length.
+  [[nodiscard]] double metric_of(std::size_t body) const;
+  /// Traces (rows) where displacements are 1 at most: what turns rotations into lengths.
+  [[nodiscard]] const Vector& levers() const { return levers_; }
   /// Square size of displacements (rows) of the sides of a body: on the sides, and, where the body can move as a
   /// whole, of that motion of the whole.
   template <class W>
@@ -168,6 +172,7 @@ class Structure {
   void build_bodies(std::vector<BodyDescription> bodies, Sides sides,
                     const OperatorOptions& options, const Structure* before);
   void stack_metrics(const std::vector<std::vector<double>>& scales,
+                     const std::vector<std::vector<double>>& levers,
                      const std::vector<std::vector<Matrix>>& motions);
   [[nodiscard]] Matrix motion_of(std::size_t body, const Matrix& on_sides) const;
   void connect();
@@ -188,6 +193,7 @@ class Structure {
   Vector directions_;
   Vector inverse_directions_;
   Vector trace_metric_;
+  Vector levers_;
   std::vector<Matrix>
       motions_;  ///< by body: of the whole, measured, by the displacements of the sides (r, rows)
   std::vector<bool> carried_;  ///< by body
