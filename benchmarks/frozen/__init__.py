@@ -1,1 +1,1 @@
-"""The frozen corpus: what a state of this project answers, kept so that a later state can be held against it."""
+"""The frozen corpus: what a state of this project answers, for later ones to be held against."""

@@ -187,8 +187,7 @@ def bodies_without_a_factor(rtol: float) -> Any:
     made = lf.Scene()
     for k in range(3):
         box(made, f"b{k}", (10.0,) * 3, (3, 3, 3), (10.0 * k, 0.0, 0.0), lf.LinearElastic(200e3, 0.3),
-            degree=2,
-            cell="hexahedron")
+            degree=2, cell="hexahedron")
     made.interface("ground", "b0:x0", lf.Elastic(normal=2e4, tangential=1e4))
     stiffness = lf.LogNormal("k", 1e4, cov=0.2)
     made.interface("joint", "b0:x1", "b1:x0", lf.Elastic(normal=stiffness, tangential=5e3))

@@ -68,9 +68,16 @@ def refusal(call: Any) -> str:
     return "none"
 
 
-def box(scene: lf.Scene, name: str, size: Sequence[float], cells: Sequence[int], at: Sequence[float],
-        material: Any,
-        degree: int = 1, cell: str | None = None) -> None:
+def box(
+    scene: lf.Scene,
+    name: str,
+    size: Sequence[float],
+    cells: Sequence[int],
+    at: Sequence[float],
+    material: Any,
+    degree: int = 1,
+    cell: str | None = None,
+) -> None:
     """A box of its name in a scene."""
     given = {} if cell is None else {"cell": cell}
     part = lf.geometry.box(tuple(size), tuple(cells), origin=tuple(at), **given)

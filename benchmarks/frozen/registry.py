@@ -21,8 +21,8 @@ from typing import Any
 class Right:
     """A value that is known from outside the solver.
 
-    ``tolerance`` is relative to ``value`` (absolute where that is zero); ``source`` names the closed form, reference or
-    independent program.
+    ``tolerance`` is relative to ``value`` (absolute where that is zero); ``source`` names the closed form,
+    reference or independent program.
     """
 
     value: float
@@ -32,7 +32,7 @@ class Right:
 
 @dataclass(frozen=True)
 class FrozenScene:
-    """``limit``: seconds after which the scene counts as unsolved. ``known_bad``: why it is unsolved or wrong at the freeze."""
+    """A scene, unsolved after `limit` seconds. `known_bad`: why it is unsolved or wrong at the freeze."""
 
     name: str
     group: str

@@ -3,6 +3,7 @@
 Each is executed as it stands; what the public functions of the library return to it is recorded in order as
 ``001_solve``, ``002_sweep``, ... (calls inside of these calls are not a script's). ``make_*_step.py`` make
 no result; of solid figures only the paths are made, their processes take longer than the solutions.
+References (``lf.reference``) are no answers of the library.
 """
 
 from __future__ import annotations
@@ -48,7 +49,6 @@ ANSWERS = (
 """Public functions that return a result."""
 OF_FUNCTIONS = ("__call__", "evaluate", "gradient")
 """Methods of ``ProblemFunction`` that do."""
-OF_REFERENCES = ("monolithic", "ssfem")
 DRAWN = ("assembly_figure", "deformed_figure", "interface_figure", "interface_map", "stress_figure")
 LONG = 900.0
 """Seconds for the demos that solve for minutes."""
@@ -148,9 +148,6 @@ def recorded(rtol: float) -> Iterator[Record]:
         folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
         for name in ANSWERS:
             stack.enter_context(mock.patch.object(lf, name, record(getattr(lf, name), name)))
-        for name in OF_REFERENCES:
-            stack.enter_context(mock.patch.object(lf.reference, name,
-                                                  record(getattr(lf.reference, name), name)))
         for name in OF_FUNCTIONS:
             function = getattr(lf.ProblemFunction, name)
             stack.enter_context(mock.patch.object(lf.ProblemFunction, name,
