@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import io
 import mmap
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,8 +36,8 @@ DAMAGE = (
 _USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
 _DEEPEST = 3
 """Levels of groups below the first, of what this package writes."""
-_TEXT = np.dtype([("length", "<u4"), ("heap", "<u8"), ("index", "<u4")])
-"""What a data set has of a text: its length, and where it is."""
+_TEXT = struct.Struct("<IQI")
+"""What a data set has of a text: its length, the address of its heap, and its number there."""
 
 
 class LayoutError(ValueError):
@@ -235,9 +236,9 @@ class _Reading:
     def _check_texts(self, key: str, data: Any) -> None:
         """HDF5 believes what a data set says of the lengths of its texts, beyond what they have."""
         begin = data.id.get_offset()
-        if begin is None or begin + _TEXT.itemsize * data.size > self._size:
+        if begin is None or begin + _TEXT.size * data.size > self._size:
             raise ValueError(f"{key!r} is no list of texts in this file")
-        for length, heap, index in np.frombuffer(self._content, _TEXT, data.size, begin).tolist():
+        for length, heap, index in _TEXT.iter_unpack(self._content[begin : begin + _TEXT.size * data.size]):
             if length and self._heap(heap).get(index) != length:
                 raise ValueError(f"{key!r} has texts of other lengths than it says")
             self._take(length, key)
