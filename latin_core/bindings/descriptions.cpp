@@ -221,10 +221,12 @@ void bind_descriptions(py::module_& m) {
              }
              const std::string who = "side of '" + member + "': ";
              return SideDescription{
-                 member, to_petsc_copy(trace, "trace of " + member),
+                 member,
+                 to_petsc_copy(trace, "trace of " + member),
                  to_matrix(direction, who + "direction", any, 1).col(0),
                  to_number(scale, who + "scale"),
-                 motions.is_none() ? latin::Matrix() : to_matrix(motions, who + "motions"), lever};
+                 motions.is_none() ? latin::Matrix() : to_matrix(motions, who + "motions"),
+                 lever};
            }),
            py::kw_only(), "member"_a, "trace"_a = py::none(), "direction"_a = py::none(),
            "scale"_a = py::none(), "motions"_a = py::none(), "lever"_a = 1.0)

@@ -211,10 +211,12 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     const bool tie = way == Way::tied && count == 0;
     Vector shift = Vector::Zero(now.jump.size());
     if (tie) {  // linearise far in the closed branch
-      const double far = 10.0 * now.jump.cwiseAbs().maxCoeff();
+      // by the energies of jumps, as these are lengths or rotations
+      const Vector roots = own_.cwiseQuotient(flexibility_.areas()).cwiseSqrt();
+      const double far = 10.0 * now.jump.cwiseQuotient(roots).cwiseAbs().maxCoeff();
       for (Index row = 0; row < shift.size(); ++row) {
         if (layout_.first[static_cast<std::size_t>(row)] == row) {
-          shift(row) = far;
+          shift(row) = far * roots(row);
         }
       }
       jump -= shift;

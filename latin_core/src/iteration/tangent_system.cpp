@@ -81,8 +81,11 @@ Vector TangentSystem::solve(const Matrix& tangent, const Vector& right) {
 }
 
 bool TangentSystem::fits(const Matrix& tangent) const {
+  const auto largest = [this](const Matrix& slopes) {
+    return (shift_.asDiagonal() * slopes).cwiseAbs().maxCoeff();
+  };
   return tangent_.size() == tangent.size() &&
-         (tangent_ - tangent).cwiseAbs().maxCoeff() <= same_tangent * tangent.cwiseAbs().maxCoeff();
+         largest(tangent_ - tangent) <= same_tangent * largest(tangent);
 }
 
 bool TangentSystem::approach(const Matrix& tangent, const Vector& right, double tolerance,

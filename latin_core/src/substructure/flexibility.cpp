@@ -153,8 +153,13 @@ void Flexibility::find_own() {
     own_.segment(row, count).setConstant(own_.segment(row, count).mean());
     row += count;
   }
-  own_ = own_.size() > 0 && own_.mean() > 0.0 ? Vector(own_.cwiseMax(least_own * own_.mean()))
-                                              : direct_;
+  // relative to what displacements are measured with: other than forces per area have units of their own
+  Vector scales(own_.size());
+  for (Index row = 0; row < joined_->rows(); ++row) {
+    scales(unknown_[static_cast<std::size_t>(row)]) = joined_->scales()(row);
+  }
+  const double mean = own_.size() > 0 ? own_.cwiseProduct(scales).mean() : 0.0;
+  own_ = mean > 0.0 ? Vector(own_.cwiseMax(least_own * mean * scales.cwiseInverse())) : direct_;
 }
 
 void Flexibility::find_modes(Part& part, const SparseRows& springs) {

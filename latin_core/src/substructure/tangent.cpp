@@ -153,8 +153,7 @@ void Tangent::set_rigid() {
       const double unit =
           std::max(of_nodes(it.col()), least_area * units(row) * levers(row) * levers(row));
       if (unit > 0.0) {
-        of_rows(row) =
-            std::max(of_rows(row), joined_->scales()(row) * stiffness(it.col()) / unit);
+        of_rows(row) = std::max(of_rows(row), joined_->scales()(row) * stiffness(it.col()) / unit);
       }
     }
   }
@@ -199,8 +198,7 @@ double Tangent::reduction(const Matrix& slope, Index first, double stiffest_spri
   for (Index i = 0; i < slope.rows(); ++i) {
     own = std::max(own, slope(i, i) * flexibility_(first + i));
   }
-  const double stiffness =
-      own < stiffest_rigid ? own / (1.0 - own) : stiffest_spring;
+  const double stiffness = own < stiffest_rigid ? own / (1.0 - own) : stiffest_spring;
   const double most = stiffness / off_springs;
   return std::max(rigid_.segment(first, slope.rows()).maxCoeff(),
                   std::min(most / (1.0 + most), springs_.segment(first, slope.rows()).maxCoeff()));
