@@ -21,26 +21,63 @@ if worker := os.environ.get("PYTEST_XDIST_WORKER"):
     os.environ["TMPDIR"] = str(own)
     tempfile.tempdir = None
 
-# What takes longest begins first, so that no worker is left with it at the end; pages and demos one by one.
-LONG = (
-    "kernel/test_mpi.py",
-    "io/test_edited.py",
-    "project/test_demos.py",
-    "project/test_install.py",
-    "verification/test_campaign_cases.py",  # on two cores: not beside the ranks
-    "project/test_docs.py",
-    "kernel/test_mpi_points.py",
-    "io/test_export.py",
-    "extremes/test_faults.py",
-    "verification/test_chaos.py",
-    "verification/test_campaign.py",
-    "project/test_session.py",
-    "verification/test_iterations.py",
-    "geometry/test_step.py",
-    "geometry/test_away.py",
-    "geometry/test_stacks.py",
-)
+SECONDS = Path(__file__).with_name("seconds.txt")
+"""Seconds of tests that take one or more, of a function the longest case; see ``--record-seconds``."""
+LEAST = 1.0
+
 BY_TEST = ("project/test_demos.py", "project/test_docs.py")
+"""Files whose tests are given to workers one by one: pages and demos."""
+
+
+def function_of(nodeid: str) -> str:
+    """A test without its parameters."""
+    return nodeid.partition("[")[0]
+
+
+def recorded() -> dict[str, float]:
+    """Function -> seconds."""
+    lines = SECONDS.read_text().splitlines() if SECONDS.exists() else []
+    return {name: float(seconds) for seconds, name in map(str.split, lines)}
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--fast", action="store_true", help="only tests below a second, on one rank")
+    parser.addoption("--night", action="store_true", help="those too that are marked so")
+    parser.addoption("--record-seconds", action="store_true", help=f"write {SECONDS.name}")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--night"):
+        config.option.markexpr = ""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--fast"):
+        long = recorded()
+        left = [
+            item
+            for item in items
+            if function_of(item.nodeid) in long or any(map(item.get_closest_marker, ("slow", "mpi")))
+        ]
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if item not in set(left)]
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Writes what tests took that ran now; what others took stays."""
+    if not terminalreporter.config.getoption("--record-seconds"):
+        return
+    took: dict[str, float] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                took[report.nodeid] = took.get(report.nodeid, 0.0) + report.duration
+    found = recorded()
+    for name in {function_of(nodeid) for nodeid in took}:
+        found[name] = max(each for nodeid, each in took.items() if function_of(nodeid) == name)
+    lines = [f"{seconds:.1f} {name}" for name, seconds in sorted(found.items()) if seconds >= LEAST]
+    SECONDS.write_text("\n".join(lines) + "\n")
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -60,13 +97,13 @@ def pytest_xdist_make_scheduler(config: Any, log: Any) -> Any:
         def _assign_work_unit(self, node: Any) -> None:
             if not self.ordered:  # all files are in the queue, and none is given out yet
                 self.ordered = True
-                long = [scope for scope in self.workqueue if place(scope) < len(LONG)]
-                for scope in sorted(long, key=place, reverse=True):
+                for scope in sorted(self.workqueue, key=seconds):
                     self.workqueue.move_to_end(scope, last=False)
             super()._assign_work_unit(node)
 
-    def place(scope: str) -> int:
-        file = scope.partition("::")[0]
-        return next((k for k, each in enumerate(LONG) if file.endswith(each)), len(LONG))
+    known = recorded()
+
+    def seconds(scope: str) -> float:
+        return sum(each for name, each in known.items() if name.startswith(scope.partition("[")[0]))
 
     return LongestFirst(config, log)

@@ -473,7 +473,7 @@ def compare(
             try:
                 every.append(truth(case, problem, found, model, k, value))
             except Unsolved:
-                # friction may hide its answers: look next to the one that is claimed; torn glue claims anything
+                # friction may hide its answers: look next to the one that is claimed (torn glue claims all)
                 glue = any(isinstance(law, lf.Debonding) for law in case.laws().values())
                 if glue or found.status[k] != "converged":
                     raise

@@ -17,7 +17,7 @@ SEALED = [kind for kind in fuzz.KINDS if not kind.startswith("mesh")]
 """Kinds with a checksum; meshes are fuzzed beside the STEP files."""
 
 
-@pytest.mark.slow
+@pytest.mark.night(guard="test_a_fault_that_loses_a_point_is_seen")
 def test_faults() -> None:
     tasks = [task for task in (faults.drawn(2, number) for number in range(30)) if task["fault"] != "rank"]
     verdicts = faults.campaign(tasks[:20], 1, quiet=True)

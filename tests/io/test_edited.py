@@ -209,7 +209,7 @@ THINNED = {deterministic: 3, program: 3}
     ("write", "thinned"),
     [
         *((each, THINNED.get(each, 6)) for each in WRITERS),
-        *(pytest.param(each, 1, marks=pytest.mark.campaign) for each in WRITERS),
+        *(pytest.param(each, 1, marks=pytest.mark.night(guard="every sixth edit")) for each in WRITERS),
     ],
 )
 def test_what_is_missing_or_malformed_is_said(

@@ -13,7 +13,10 @@ import pytest
 HERE = Path(__file__).parent
 MPIRUN = shutil.which("mpirun") or shutil.which("mpiexec")
 
-pytestmark = pytest.mark.skipif(MPIRUN is None, reason="no mpirun in this environment")
+pytestmark = [
+    pytest.mark.mpi,
+    pytest.mark.skipif(MPIRUN is None, reason="no mpirun in this environment"),
+]
 
 
 def launch(ranks: int, program: str, *arguments: str) -> subprocess.CompletedProcess[str]:

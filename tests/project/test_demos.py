@@ -108,8 +108,14 @@ def run(script: str, *arguments: str) -> str:
     return done.stdout
 
 
+DAILY = ("bolted_vessel.py", "first_bolt.py", "own_law.py", "two_blocks.py")
+NIGHTLY = pytest.mark.night(guard="tests/project/test_docs.py: the tutorials")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", DEMOS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in DAILY else NIGHTLY) for name in DEMOS]
+)
 def test_demo(name: str, tmp_path: Path) -> None:
     printed = run(f"demos/{name}", *(a.format(tmp_path) for a in SHORT.get(name, [])))
     for file in WRITTEN.get(name, []):
@@ -160,7 +166,7 @@ def test_friction_needs_contact(tmp_path: Path) -> None:
         run("demos/bolted_vessel.py", "--friction", "0.3", "--output", str(tmp_path))
 
 
-@pytest.mark.slow
+@pytest.mark.night(guard="tests/verification/test_chaos.py")
 def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
     """Its record is complete, its answers are right; its times are nobody's business here."""
     file = tmp_path / "record.json"
@@ -204,7 +210,7 @@ def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
     assert all(each["units"] > 0.0 for each in runs)
 
 
-@pytest.mark.slow
+@pytest.mark.night(guard="tests/verification/test_contact.py")
 def test_benchmark_of_contact(tmp_path: Path) -> None:
     """Units of the sweep are there, and the peers agree where they are installed."""
     file = tmp_path / "record.json"

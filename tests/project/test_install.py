@@ -192,7 +192,7 @@ def wheel_of(name: str, folder: Path) -> None:
         wheel.writestr(record, "".join(f"{each},,\n" for each in [*wheel.namelist(), record]))
 
 
-@pytest.mark.slow
+@pytest.mark.night(guard="test_source_distribution_is_complete")
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("isolation", [False, True], ids=["no-build-isolation", "isolated"])
 def test_pip_installs(sdist: Path, tmp_path: Path, isolation: bool) -> None:
@@ -245,7 +245,7 @@ def as_the_recipe_tests(recipe: Any, python: Path, tree: Path, away: Path) -> No
 # --- the C++ library -------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.night(guard="test_source_distribution_is_complete")
 @pytest.mark.timeout(1200)
 def test_cmake_installs_the_library(sdist: Path, tmp_path: Path) -> None:
     """A program that knows nothing but the prefix finds the library; the wheel's part stays away."""
@@ -391,7 +391,7 @@ def test_container_file_copies_what_there_is() -> None:
     assert all((ROOT / name).exists() for name in copied)
 
 
-@pytest.mark.slow
+@pytest.mark.night(guard="test_container_file_copies_what_there_is")
 def test_what_the_container_copies_is_enough(tmp_path: Path) -> None:
     """CMake configures, and the package's metadata can be made, from these files alone."""
     pytest.importorskip("scikit_build_core")

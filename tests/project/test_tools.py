@@ -391,3 +391,17 @@ def test_only_compat_asks_what_dolfinx_renamed() -> None:
     sources = [path for path in files if path.suffix in {".py", ".cpp", ".hpp"} and path.name != "compat.py"]
     assert sources
     assert not [str(path) for path in sources if renamed.search(path.read_text(encoding="utf-8"))]
+
+
+def test_a_night_goes_on_after_failures_and_says_so(tmp_path: Path) -> None:
+    """Each step's outcome is printed, and what failed is what the night ends with."""
+    write(tmp_path, "run", '#!/bin/sh\ntest "$1" != lint\n')
+    (tmp_path / "run").chmod(0o755)
+    write(tmp_path, "demos/a.py", "")
+    stubs = "run_tests() { true; }; python() { true; }"
+    done = shell(f'{stubs}; cd "{tmp_path}"; run_night build || echo "ended with $?"', tmp_path)
+    said = done.stdout.splitlines()
+    assert said[-1] == "ended with 1"
+    outcomes = {line.split(",")[0].strip() for line in said if line.startswith("  ")}
+    assert {"FAILED  lint", "ok      demos/a.py", "ok      documentation"} <= outcomes
+    assert not any("mutants" in each or "frozen" in each for each in outcomes)

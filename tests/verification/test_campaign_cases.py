@@ -1,4 +1,4 @@
-"""The scenes that the first campaign failed at, judged again: ``./run test -m campaign``."""
+"""The scenes that the first campaign failed at, judged again: ``./run test -m night``."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def parts(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
             logging.disable(logging.NOTSET)
 
 
-@pytest.mark.campaign
+@pytest.mark.night(guard="test_scenes_that_later_campaigns_failed_at")
 @pytest.mark.timeout(900)
 @pytest.mark.xfail(strict=False, reason="the error of a part, step or fluctuation hides behind others")
 def test_the_scenes_that_the_first_campaign_failed_at(
@@ -115,7 +115,7 @@ def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
         assert outcome == "right", what
 
 
-@pytest.mark.slow
+@pytest.mark.night(guard="test_scenes_that_later_campaigns_failed_at")
 @pytest.mark.timeout(900)
 def test_forty_drawn_scenes(tmp_path: Path) -> None:
     """None is wrong; campaigns of thousands find 0.5 to 1 %."""

@@ -15,6 +15,7 @@ from tests.verification.test_campaign import PULL, PUSH, given, judge, scenes
 Found = judge.Found
 Spoil = Callable[[Found], Found]
 OBLIQUE = "lf.Traction(np.array((-1.0, 0.2)))"
+GROWING = "lf.Traction(a(0) * np.array((0.1, 0.05)))"
 STEPS = "[0.5, 1.0, 1.5, 2.0]"
 HARD = "lf.Elastic(normal=1e6, tangential=1e6)"
 NOTHING = "lf.Debonding(normal=80.0, tangential=40.0, strength=1e-4, opening=1e-3)"
@@ -48,7 +49,7 @@ SCENES: dict[str, tuple[str, dict[str, str]]] = {
     "glue at 30 %": ("bond", {"joint": glue(0.33), "bed": SOFT}),
     "glue in steps": (
         "bond",
-        {"times": STEPS, "joint": glue(0.33), "bed": SOFT, "load": "lf.Traction(a(0) * np.array((0.1, 0.05)))"},
+        {"times": STEPS, "joint": glue(0.33), "bed": SOFT, "load": GROWING},
     ),
     "carries nothing": ("contact", {"load": PULL}),
     "carries nothing, friction": ("contact", {"load": PULL, "joint": "lf.Contact(friction=0.3)"}),
