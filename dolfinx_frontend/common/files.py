@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import stat
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
 
 from dolfinx_frontend.common.errors import SceneError
 
@@ -99,7 +99,7 @@ def made_folder(folder: Path) -> Path:
     return folder
 
 
-def opened(path: Path) -> IO[bytes]:
+def opened(path: Path) -> io.BufferedReader:
     """A file to be read.
 
     Raises

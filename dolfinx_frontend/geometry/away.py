@@ -71,7 +71,7 @@ def alone(file: Path, name: str) -> Iterator[Path]:
         copy = Path(folder, name)
         try:
             with opened(file) as given, copy.open("xb") as target:
-                packed = given.peek(2)[:2] == b"\x1f\x8b"  # type: ignore[attr-defined]
+                packed = given.peek(2)[:2] == b"\x1f\x8b"
                 shutil.copyfileobj(given, target)
         except OSError as error:
             raise SceneError(

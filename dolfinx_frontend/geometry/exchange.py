@@ -102,11 +102,11 @@ class Exchange:
                 f"{name or path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so "
                 "that a part of it may be missing; export or copy it again"
             )
-        statements = [(m.start(1), m[1].rstrip()) for m in _STATEMENT.finditer(text)]
-        begin = next((k + 1 for k, (_, each) in enumerate(statements) if _DATA.fullmatch(each)), 0)
+        begin = next((m.end() for m in _STATEMENT.finditer(text) if _DATA.fullmatch(m[1].rstrip())), 0)
         instances: dict[int, str] = {}
         wrong = []
-        for at, each in statements[begin:]:
+        for statement in _STATEMENT.finditer(text, begin):
+            at, each = statement.start(1), statement[1].rstrip()
             if each.startswith("END-ISO-10303-21"):
                 break
             if not each or each == "ENDSEC" or _DATA.fullmatch(each):

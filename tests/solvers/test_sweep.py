@@ -499,5 +499,5 @@ def test_a_converged_point_is_finite(problem, tmp_path, value):
     run = {"options": TIGHT, "progress": False, "checkpoint": path}
     sweep(problem, {"layer.normal": [10.0, 20.0]}, **run)
     edited(path, 1, lambda arrays: arrays["data:layer:0"].fill(value))
-    with pytest.raises(CheckpointError, match="points was edited: point 1: it is converged, and its state is"):
+    with pytest.raises(CheckpointError, match="points was edited: point 1: it is converged, and its"):
         sweep(problem, {"layer.normal": [10.0, 20.0]}, **run)
