@@ -47,7 +47,8 @@ class Problem(OneProcess):
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
     which those that touch no part of this rank have no traces here. `held` is what else holds the nodes of a
-    side of an interface, `centres` are those of supports, loads and parts. `spread` has the parts whose mesh is on all ranks, see :class:`Condensed`.
+    side of an interface, `centres` are those of supports, loads and parts.
+    `spread` has the parts whose mesh is on all ranks, see :class:`Condensed`.
     """
 
     substructures: dict[str, Substructure]

@@ -168,7 +168,7 @@ class SubstructureSpec:
                 "with straight cells"
             )
         warn(
-            f"{where}: degree=1 on curved cells: they are made straight, as a rotation would strain them else; "
+            f"{where}: degree=1 on curved cells: they are made straight, as a rotation would strain them; "
             "give degree=2 to keep the curves",
             SceneWarning,
         )

@@ -93,4 +93,3 @@ def test_turned_over() -> None:
     known = _energies(law, divisions)
     over = np.diag([1.0, 1.0, -1.0])
     assert _energies(law, divisions, ("b", "a"), over) == pytest.approx(known, rel=SAME)
-
