@@ -13,7 +13,13 @@ import pytest
 
 import dolfinx_frontend as lf
 
-UNITS = {"N-m": (1e-3, 1.0), "kN-m": (1e-3, 1e-3), "N-um": (1e3, 1.0), "N-nm": (1e6, 1.0), "kN-mm": (1.0, 1e-3)}
+UNITS = {
+    "N-m": (1e-3, 1.0),
+    "kN-m": (1e-3, 1e-3),
+    "N-um": (1e3, 1.0),
+    "N-nm": (1e6, 1.0),
+    "kN-mm": (1.0, 1e-3),
+}
 """(length, force) of a unit by those of mm and N, inverse: a length of 1 mm is 1e-3 in metres."""
 SAME = 1e-8
 BLOCK = (30.0, 30.0, 10.0)
@@ -102,7 +108,9 @@ SCENES: dict[str, Build] = {
         )
     ),
     "law of a user": _joint(
-        lambda a, f: lf.UserLaw(force=lambda jump, kappa: kappa[:, None] * jump, values={"kappa": 1e3 * f / a**3})
+        lambda a, f: lf.UserLaw(
+            force=lambda jump, kappa: kappa[:, None] * jump, values={"kappa": 1e3 * f / a**3}
+        )
     ),
     "pretension section": _section,
     "beam": _beam,
