@@ -84,7 +84,9 @@ LAWS = {
 
 @pytest.mark.parametrize("divisions", DIVISIONS.values(), ids=DIVISIONS)
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_names_order_and_axes(law: lf.Elastic, divisions: tuple[tuple[int, int, int], ...]) -> None:
+def test_names_order_and_axes(
+    law: lf.Elastic, divisions: tuple[tuple[int, int, int], ...]
+) -> None:
     known = _energies(law, divisions)
     assert _energies(law, divisions, ("b", "a")) == pytest.approx(known, rel=SAME)
     assert _energies(law, divisions, upper_first=True) == pytest.approx(known, rel=SAME)

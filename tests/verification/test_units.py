@@ -1,7 +1,7 @@
-"""One scene in six systems of units is one answer, for every law and every kind of joint, direct and iterated.
+"""One scene in six systems of units is one answer, for every law and kind of joint, direct and iterated.
 
-Multiplying lengths, forces and what is made of them by constants changes no equation. What is left is rounding
-where a scene is solved directly, and the tolerance of the iteration (1e-10 here) elsewhere.
+Multiplying lengths, forces and what is made of them by constants changes no equation. What is left is
+rounding where a scene is solved directly, and the tolerance of the iteration (1e-10 here) elsewhere.
 """
 
 from __future__ import annotations
