@@ -71,7 +71,8 @@ def _energies(
     found = []
     for name in names:
         u = result.displacements[name]
-        found += [u @ (problem.substructures[name].matrix @ u), np.linalg.norm(u.reshape(-1, 3), axis=1).max()]
+        moved = np.linalg.norm(u.reshape(-1, 3), axis=1).max()
+        found += [u @ (problem.substructures[name].matrix @ u), moved]
     return np.array(found)
 
 

@@ -127,7 +127,7 @@ def _answer(build: Build, a: float, f: float, **settings: object) -> lf.Result:
 
 
 def _difference(result: lf.Result, known: lf.Result, a: float, f: float) -> float:
-    """Largest relative difference of the displacements and forces of two answers, of each part and interface."""
+    """Largest relative difference of the displacements and forces of two answers, by part and interface."""
     worst = 0.0
     for name, u in known.displacements.items():
         worst = max(worst, float(np.abs(result.displacements[name] / a - u).max() / np.abs(u).max()))
