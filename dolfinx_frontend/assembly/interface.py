@@ -164,8 +164,8 @@ class Interface(PointFrames):
     chords
         (m,), the same where facets are straight and the face is not; 0 elsewhere.
     one_point
-        Whether it joins a node or the mean motions of faces: its weight is 1, its forces and jumps are those of
-        the whole, and a jump may be a rotation.
+        Whether it joins a node or the mean motions of faces: its weight is 1, its forces and jumps are those
+        of the whole, and a jump may be a rotation.
     apart
         Distance of faces of curved cells that are taken as touching (:attr:`fits`), where their vertices tell
         one, length; negative: they are inside each other.

@@ -555,7 +555,7 @@ def _carrier(pair: _Pair) -> tuple[int, str]:
         side = int(squares[1] < squares[0])
         return side, f"at the vertices of {pair.names[side]}, the finer side by little"
     side = _away(pair)
-    return side, f"at the vertices of {pair.names[side]}; the sides are alike, and the scene's centre is on the other"
+    return side, f"at the vertices of {pair.names[side]}; the sides are alike but for where they are"
 
 
 def _away(pair: _Pair) -> int:

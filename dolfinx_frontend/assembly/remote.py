@@ -62,7 +62,8 @@ def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> 
         raise SceneError(f"{where}: the centroids of its faces coincide; a beam has a length > 0")
     along = np.zeros(3)
     along[:d] = (ends[1] - ends[0]) / length
-    helper = np.eye(3)[2 if d == 2 else int(np.argmin(np.abs(along)))]
+    # rounding must not choose between axes that are alike
+    helper = np.eye(3)[2 if d == 2 else int(np.argmin(np.round(np.abs(along), 6)))]
     first = helper - (helper @ along) * along
     first /= np.linalg.norm(first)
     about = {"1": first, "2": np.cross(along, first)}.get(way[-1], along)

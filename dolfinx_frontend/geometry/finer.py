@@ -14,7 +14,6 @@ import basix
 import basix.ufl
 import dolfinx.fem as fem
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array, Flags, Ints

@@ -487,8 +487,8 @@ def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
 
 
 SOFT, STIFF = 1e-8, 1e5
-"""Range of kappa, relative to the stiffness of the softer part, that is factorised as it is where corrections follow:
-beyond it rounding would take more than corrections give back."""
+"""Range of kappa, relative to the stiffness of the softer part, that is factorised as it is where corrections
+follow: beyond it rounding would take more than corrections give back."""
 
 
 def factorised_stiffness(problem: Problem, interface: Interface, kappa: Array) -> Array:

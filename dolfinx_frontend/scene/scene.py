@@ -168,8 +168,8 @@ class Scene:
         Warns
         -----
         SceneWarning
-            A nearly incompressible material with degree 1; curved cells with degree 1, which are made straight:
-            linear displacements on curved cells lack the rotations, which would strain the part.
+            A nearly incompressible material with degree 1; curved cells with degree 1, which are made
+            straight: linear displacements on curved cells lack the rotations, which would strain the part.
         """
         where = f"substructure {checked_name('substructure', name, colon=False)!r}"
         if name in self.substructures:
@@ -249,8 +249,8 @@ class Scene:
             ``"points"``: the law holds at quadrature points of the first face. ``"facets"``: it holds in
             the mean on every facet of it. ``"mortar"``: it holds in the mean about every vertex of one
             face. ``"auto"``: ``"points"`` where the meshes match or there is one side, unless the law may
-            open; ``"mortar"`` otherwise. Where the meshes match node for node, `Perfect` ties the nodes in any of
-            them, whether the interface is kept or assembled.
+            open; ``"mortar"`` otherwise. Where the meshes match node for node, `Perfect` ties the nodes
+            in any of them, whether the interface is kept or assembled.
         overlap
             ``"partial"``: what the second face does not cover of the first one stays free (not with
             ``space="points"``). ``"full"``: it is an error.

@@ -158,8 +158,8 @@ class SubstructureSpec:
         return replace(spec, material=getattr(spec.material, "revolved", spec.material))
 
     def _straightened(self, where: str) -> SubstructureSpec:
-        """The same with straight cells where its displacements are linear: on curved ones linear displacements
-        lack the rotations, which then strain the part and carry torque."""
+        """The same with straight cells where its displacements are linear: on curved ones these lack the
+        rotations, which then strain the part and carry torque."""
         if self.degree > 1 or int(coordinate_map(self.part.mesh).degree) == 1:
             return self
         if self.spread:
@@ -168,7 +168,7 @@ class SubstructureSpec:
                 "with straight cells"
             )
         warn(
-            f"{where}: degree=1 on curved cells: they are made straight, as a rotation would strain them else; "
+            f"{where}: degree=1 on curved cells: they are made straight, as a rotation would strain them; "
             "give degree=2 to keep the curves",
             SceneWarning,
         )

@@ -11,7 +11,6 @@ from parts.rings import annulus
 import dolfinx_frontend as lf
 
 
-
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_linear_displacements_on_curved_cells_are_on_straight_ones(cell: str) -> None:
     """A ring fixed at its rim takes the torque on its bore, by statics; linear fields are exact."""

@@ -11,7 +11,7 @@ import dolfinx_frontend as lf
 
 RTOL = 1e-9
 SAME = 1e-8
-"""Direct answers round to 1e-12; an iteration stops at 1e-9, of which an estimate is good to a factor of 3."""
+"""Direct answers round to 1e-12; an iteration stops at 1e-9, by an estimate good to a factor of 3."""
 DIVISIONS = {"alike but turned": ((3, 2, 2), (2, 3, 2)), "finer below": ((3, 3, 2), (2, 3, 2))}
 
 
@@ -24,7 +24,9 @@ def _turn(axes: tuple[int, int, int], signs: tuple[float, float, float]) -> np.n
 TURNS = [
     _turn(axes, signs)
     for axes, signs in zip(
-        itertools.permutations(range(3)), [(1, 1, 1), (1, -1, 1), (-1, 1, 1), (1, 1, -1), (-1, -1, -1), (-1, 1, -1)]
+        itertools.permutations(range(3)),
+        [(1, 1, 1), (1, -1, 1), (-1, 1, 1), (1, 1, -1), (-1, -1, -1), (-1, 1, -1)],
+        strict=True,
     )
 ]
 """Each reorders the axes and reverses some: three rotations and three reflections."""
@@ -69,16 +71,23 @@ def _energies(
     found = []
     for name in names:
         u = result.displacements[name]
-        found += [u @ (problem.substructures[name].matrix @ u), np.linalg.norm(u.reshape(-1, 3), axis=1).max()]
+        moved = np.linalg.norm(u.reshape(-1, 3), axis=1).max()
+        found += [u @ (problem.substructures[name].matrix @ u), moved]
     return np.array(found)
 
 
-LAWS = {"springs": lf.Elastic(normal=1e3, tangential=300.0), "perfect": lf.Perfect(), "friction": lf.Contact(friction=0.2)}
+LAWS = {
+    "springs": lf.Elastic(normal=1e3, tangential=300.0),
+    "perfect": lf.Perfect(),
+    "friction": lf.Contact(friction=0.2),
+}
 
 
 @pytest.mark.parametrize("divisions", DIVISIONS.values(), ids=DIVISIONS)
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_names_order_and_axes(law: lf.Elastic, divisions: tuple[tuple[int, int, int], ...]) -> None:
+def test_names_order_and_axes(
+    law: lf.Elastic, divisions: tuple[tuple[int, int, int], ...]
+) -> None:
     known = _energies(law, divisions)
     assert _energies(law, divisions, ("b", "a")) == pytest.approx(known, rel=SAME)
     assert _energies(law, divisions, upper_first=True) == pytest.approx(known, rel=SAME)
@@ -93,4 +102,3 @@ def test_turned_over() -> None:
     known = _energies(law, divisions)
     over = np.diag([1.0, 1.0, -1.0])
     assert _energies(law, divisions, ("b", "a"), over) == pytest.approx(known, rel=SAME)
-

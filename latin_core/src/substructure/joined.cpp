@@ -252,6 +252,8 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
   const auto total = static_cast<Index>(weights.size());
   weights_ = Eigen::Map<const Vector>(weights.data(), total);
   directions_ = Eigen::Map<const Vector>(directions.data(), total);
+  scales_ = Eigen::Map<const Vector>(scales.data(), total);
+  levers_ = Eigen::Map<const Vector>(levers.data(), total);
 }
 
 Matrix Joined::of_rows(ConstMatrixRef own) const {
