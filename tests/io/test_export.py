@@ -450,8 +450,8 @@ def test_nothing_is_written_through_links(elastic: lt.Problem, tmp_path: Path) -
 @pytest.mark.mpi
 def test_a_rank_that_fails_alone_ends_all(elastic: lt.Problem, tmp_path: Path) -> None:
     folder = elastic.export(tmp_path / "folder", "accelerated")
-    command = ["mpirun", "-n", "1", str(PROGRAM), str(folder)]
-    command += [":", "-n", "1", str(PROGRAM), str(folder), "--nonsense"]
+    wrong = f'[ "$OMPI_COMM_WORLD_RANK$PMI_RANK" = 0 ] || set -- --nonsense; exec {PROGRAM} {folder} "$@"'
+    command = ["mpirun", "-n", "2", "sh", "-c", wrong]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode and "latin_run: there is no option --nonsense" in done.stderr
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "latin/common/numbers.hpp"
 #include "latin/common/threads.hpp"
 #include "latin/iteration/krylov.hpp"
 
@@ -82,7 +83,8 @@ Vector TangentSystem::solve(const Matrix& tangent, const Vector& right) {
 
 bool TangentSystem::fits(const Matrix& tangent) const {
   return tangent_.size() == tangent.size() &&
-         (tangent_ - tangent).cwiseAbs().maxCoeff() <= same_tangent * tangent.cwiseAbs().maxCoeff();
+         (tangent_ - tangent).cwiseAbs().maxCoeff<keep_nan>() <=
+             same_tangent * tangent.cwiseAbs().maxCoeff();
 }
 
 bool TangentSystem::approach(const Matrix& tangent, const Vector& right, double tolerance,
