@@ -110,4 +110,5 @@ TEST(Numbers, AnAnswerThatIsNoneIsNotConverged) {
   const auto summary =
       latin::iteration::solve(laws, chain::options(), Matrix::Ones(1, 1), state, {}, {});
   EXPECT_EQ(summary.status, latin::iteration::Status::diverged) << summary.energy;
+  EXPECT_EQ(summary.error, std::numeric_limits<double>::infinity());
 }

@@ -328,7 +328,7 @@ def stored_elsewhere(folder: Path, file: Any) -> None:
 
 
 def change_matrix(folder: Path, **changes: Any) -> None:
-    """A matrix of several entries a row, of which one number is another, and its checksum that of the file."""
+    """A matrix of several entries a row with another number, and the checksum that goes with it."""
     with h5py.File(folder / "problem.h5", "r+") as file:
         files = list(file["matrices/files"].asstr()[()])
         for number, name in enumerate(files):
@@ -413,7 +413,8 @@ def test_names_of_matrices_reach_no_shell(elastic: lt.Problem, tmp_path: Path) -
 
 def test_options_of_petsc_are_not_read(tmp_path: Path) -> None:
     (tmp_path / "evil.c").write_text(
-        '#include <stdio.h>\n__attribute__((constructor)) static void f(void) { fclose(fopen("executed", "w")); }\n'
+        "#include <stdio.h>\n"
+        '__attribute__((constructor)) static void f(void) { fclose(fopen("executed", "w")); }\n'
     )
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
@@ -425,9 +426,8 @@ def test_options_of_petsc_are_not_read(tmp_path: Path) -> None:
         if not variables:
             (tmp_path / home / ".petscrc").write_text(option + "\n")
         environment = {**os.environ, "HOME": str(tmp_path / home), **variables}
-        done = subprocess.run(
-            [str(PROGRAM), "nothing"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
+        how: dict[str, Any] = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True}
+        done = subprocess.run([str(PROGRAM), "nothing"], check=False, **how)
         assert done.returncode == 1 and "is no folder" in done.stderr
         assert not (tmp_path / "executed").exists(), home
         (tmp_path / home / ".petscrc").unlink(missing_ok=True)

@@ -270,7 +270,7 @@ def checked() -> None:
 
 
 def failing() -> None:
-    """A body on the last rank whose random field is indefinite fails between two reductions: on all ranks."""
+    """A body of the last rank with an indefinite random field fails between reductions: on all ranks."""
     field = RandomField("E", 150.0, cov=0.7, length=8.0, modes=2)
     made = row(lambda k: Elastic(normal=20.0, tangential=10.0), [100.0, 200.0, 300.0, field], (-2.0, 0.3))
     problem = assemble(made, comm=WORLD)

@@ -435,9 +435,8 @@ def test_a_beginning_is_that_of_its_laws_and_structure() -> None:
             Body(name=f"bar{part}", size=nodes, members=[long_member(part, nodes, soft)]) for part in (0, 1)
         ]
         faces = [(0, 0), (0, nodes - 1), (1, 0)]
-        wall, left, right = (
-            Side(member=f"bar{part}", trace=at(node, nodes), direction=[1.3], scale=1.0) for part, node in faces
-        )
+        given = [{"member": f"bar{part}", "trace": at(node, nodes)} for part, node in faces]
+        wall, left, right = (Side(**each, direction=[1.3], scale=1.0) for each in given)
         interfaces = [interface("wall", "perfect", wall), interface("joint", "elastic", left, right)]
         structure = Structure(bodies=bodies, interfaces=interfaces)
         for normal in (3.0, 1e-4):

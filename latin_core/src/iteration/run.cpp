@@ -101,7 +101,8 @@ void Run::start_from(const std::vector<const State*>& snapshots) {
 Summary Run::run(bool traces_known) {
   if (structure_.total_rows() == 0) {
     summary_.energy = stages_.strain(state_);
-    summary_.status = has_answer() ? Status::converged : Status::diverged;
+    summary_.status = Status::converged;
+    refuse_none();
     return summary_;
   }
   begin(traces_known);
@@ -434,10 +435,13 @@ bool Run::follow(const Measured& measured) {
   return true;
 }
 
-/// Whether all numbers of the answer are numbers. Collective.
-bool Run::has_answer() const {
-  return structure_.communicator().everywhere(
-      state_.data.allFinite() && state_.traces.allFinite() && std::isfinite(summary_.energy));
+/// An answer with a number that is none has diverged, whatever was estimated. Collective.
+void Run::refuse_none() {
+  if (!structure_.communicator().everywhere(state_.data.allFinite() && state_.traces.allFinite() &&
+                                            std::isfinite(summary_.energy))) {
+    summary_.status = Status::diverged;
+    summary_.error = unknown_error;
+  }
 }
 
 void Run::finish(Status status) {
@@ -456,9 +460,7 @@ void Run::finish(Status status) {
   summary_.error = larger(summary_.error, error_.largest(summary_.errors));
   const bool is_rounding = was_small && summary_.error > bearable;
   summary_.status = status == Status::converged && is_rounding ? Status::inexact : status;
-  if (!has_answer()) {
-    summary_.status = Status::diverged;
-  }
+  refuse_none();
   summary_.iterations = iterations();
   summary_.restarts = safeguard_.restarts();
   summary_.global_s = stages_.global_seconds();
