@@ -275,7 +275,7 @@ def failing() -> None:
     made = row(lambda k: Elastic(normal=20.0, tangential=10.0), [100.0, 200.0, 300.0, field], (-2.0, 0.3))
     problem = assemble(made, comm=WORLD)
     seen = np.linalg.eigvalsh
-    np.linalg.eigvalsh = lambda matrix: np.ones(len(matrix))  # the frontend, which would refuse it, looks away
+    np.linalg.eigvalsh = lambda matrix: np.ones(len(matrix))  # the frontend, which refuses it, looks away
     text = ""
     try:
         solve(problem, chaos=4, active=["j1", "j2", "j3"])
