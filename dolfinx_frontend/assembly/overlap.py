@@ -21,7 +21,6 @@ from dolfinx_frontend.assembly.elements import quadrature, tabulate
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.threads import own_threads
 from dolfinx_frontend.scene.specs import Overlap
 
 __all__ = [
@@ -200,7 +199,7 @@ def common(
     first, second = (_face(face, v) for face, v in zip(faces, spaces, strict=True))
     around = faces[0].around
     rule = quadrature(cell, degree + around)
-    return mortar.integrate(first, second, multipliers, rule, near, OPPOSED, own_threads(), around)
+    return mortar.integrate(first, second, multipliers, rule, near, OPPOSED, around)
 
 
 def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int | None) -> mortar.Overlap:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-from mpi4py import MPI
-
-__all__ = ["PETSC", "alone", "own_threads"]
+__all__ = ["PETSC", "alone"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -28,10 +25,3 @@ def alone(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **settings)
 
     return waiting
-
-
-def own_threads() -> int:
-    """Threads that this rank may use: its share of the cores, or ``OMP_NUM_THREADS`` if that is less."""
-    cores = max(len(os.sched_getaffinity(0)) // MPI.COMM_WORLD.size, 1)
-    asked = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
-    return min(cores, max(int(asked), 1)) if asked.isdigit() else cores

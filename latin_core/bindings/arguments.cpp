@@ -223,7 +223,7 @@ latin::Communicator to_communicator(py::handle value) {
   const Index handle =
       py::hasattr(value, "py2f") ? to_index(value.attr("py2f")(), "comm") : to_index(value, "comm");
   int initialised = 0;
-  MPI_Initialized(&initialised);
+  latin::check_mpi(MPI_Initialized(&initialised), "MPI_Initialized");
   const MPI_Comm comm =
       initialised != 0 ? MPI_Comm_f2c(static_cast<MPI_Fint>(handle)) : MPI_COMM_NULL;
   if (comm == MPI_COMM_NULL || comm == MPI_Comm{}) {

@@ -21,8 +21,10 @@ using latin::Matrix;
 /// A reference to a Python object that may be copied and dropped without the interpreter's lock.
 std::shared_ptr<PyObject> shared_reference(py::object object) {
   return {object.release().ptr(), [](PyObject* held) {
-            const py::gil_scoped_acquire gil;
-            Py_DECREF(held);
+            if (Py_IsInitialized() != 0) {  // else the interpreter ended before its objects
+              const py::gil_scoped_acquire gil;
+              Py_DECREF(held);
+            }
           }};
 }
 

@@ -94,8 +94,7 @@ void bind_mortar(py::module_& m) {
       "integrate",
       [](const mortar::Face& first, const mortar::Face& second, int degree,
          latin::Matrix multipliers, latin::Matrix points, latin::Vector weights,
-         latin::Vector near_first, latin::Vector near_second, double opposed, int threads,
-         bool around) {
+         latin::Vector near_first, latin::Vector near_second, double opposed, bool around) {
         const Index chi = multipliers.rows();
         const mortar::Functions functions{degree, {std::move(multipliers)}};
         const mortar::Rule rule{std::move(points), std::move(weights), around};
@@ -103,10 +102,10 @@ void bind_mortar(py::module_& m) {
         mortar::Overlap found;
         {
           const py::gil_scoped_release release;
-          found = mortar::integrate(first, second, functions, rule, near, threads);
+          found = mortar::integrate(first, second, functions, rule, near);
         }
         return arrays(std::move(found), first.facets(), chi, first.functions(), second.functions());
       },
       "first"_a, "second"_a, py::kw_only(), "degree"_a, "multipliers"_a, "points"_a, "weights"_a,
-      "near_first"_a, "near_second"_a, "opposed"_a, "threads"_a = 1, "around"_a = false);
+      "near_first"_a, "near_second"_a, "opposed"_a, "around"_a = false);
 }

@@ -712,8 +712,9 @@ void bind_one_structure(py::module_& m) {
       "a Structure holds factorised matrices and cannot be pickled or copied: keep what it was "
       "built from");
   cls.def(py::init(&make_structure), py::kw_only(), "bodies"_a, "interfaces"_a = py::tuple(),
-          "operator"_a = "automatic", "backend"_a = "automatic", "memory_limit"_a = 0.0,
-          "comm"_a = py::none(), "before"_a = py::none());
+          "operator"_a = "automatic", "backend"_a = "automatic",
+          "memory_limit"_a = OperatorOptions().memory_limit, "comm"_a = py::none(),
+          "before"_a = py::none());
   bind_facts(cls);
   bind_calls(cls);
 }

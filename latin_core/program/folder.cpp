@@ -1,10 +1,14 @@
 #include "folder.hpp"
 
-#include <petscviewer.h>
-
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <fstream>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -15,19 +19,79 @@
 namespace latin::program {
 namespace {
 
-using algebra::check;
-using ViewerHandle = algebra::Handle<PetscViewer, PetscViewerDestroy>;
+constexpr std::int32_t petsc_matrix = 1211216;  ///< what a file of a matrix begins with
 
-/// Errors of PETSc are told by exceptions, once.
-class QuietPetsc {
- public:
-  QuietPetsc() { PetscPushErrorHandler(PetscReturnErrorHandler, nullptr); }
-  QuietPetsc(const QuietPetsc&) = delete;
-  QuietPetsc& operator=(const QuietPetsc&) = delete;
-  QuietPetsc(QuietPetsc&&) = delete;
-  QuietPetsc& operator=(QuietPetsc&&) = delete;
-  ~QuietPetsc() { PetscPopErrorHandler(); }
-};
+/// Numbers of a file, which has the most significant byte first.
+template <class Number>
+std::vector<Number> numbers(std::ifstream& file, Index count) {
+  std::vector<Number> found(static_cast<std::size_t>(count));
+  file.read(reinterpret_cast<char*>(found.data()),
+            static_cast<std::streamsize>(found.size() * sizeof(Number)));
+  if constexpr (std::endian::native == std::endian::little) {
+    for (Number& each : found) {
+      auto bytes = std::bit_cast<std::array<std::byte, sizeof(Number)>>(each);
+      std::ranges::reverse(bytes);
+      each = std::bit_cast<Number>(bytes);
+    }
+  }
+  return found;
+}
+
+/// A matrix as PETSc's binary viewer writes it. Read here, for PETSc takes the indices as they are, and gives names
+/// with ".gz" in them to a shell.
+SparseRows read_matrix(const std::filesystem::path& path) {
+  const auto refuse = [&path](const std::string& why) {
+    return InputError(path.string() + " is no matrix of PETSc: " + why +
+                      ": it is damaged, export the problem again");
+  };
+  std::ifstream file(path, std::ios::binary);
+  const std::vector<std::int32_t> head = numbers<std::int32_t>(file, 4);
+  const Index rows = head[1];
+  const Index columns = head[2];
+  const Index entries = head[3];
+  if (!file || head[0] != petsc_matrix || rows < 0 || columns < 0 || entries < 0) {
+    throw refuse("it begins with other numbers");
+  }
+  constexpr Index of_head = 16;
+  constexpr Index of_row = 4;
+  constexpr Index of_entry = 4 + 8;
+  if (static_cast<Index>(std::filesystem::file_size(path)) !=
+      of_head + of_row * rows + of_entry * entries) {
+    throw refuse("it has not the length of its " + std::to_string(entries) + " entries");
+  }
+  const std::vector<std::int32_t> lengths = numbers<std::int32_t>(file, rows);
+  const std::vector<std::int32_t> indices = numbers<std::int32_t>(file, entries);
+  const std::vector<double> values = numbers<double>(file, entries);
+  SparseRows matrix(rows, columns);
+  matrix.resizeNonZeros(entries);
+  Index next = 0;
+  for (Index row = 0; row < rows; ++row) {
+    const Index first = next;
+    const Index length = lengths[static_cast<std::size_t>(row)];
+    if (length < 0 || length > entries - first) {
+      throw refuse("its rows have other lengths");
+    }
+    for (; next < first + length; ++next) {
+      const int column = indices[static_cast<std::size_t>(next)];
+      const double value = values[static_cast<std::size_t>(next)];
+      if (column < 0 || column >= columns ||
+          (next > first && column <= matrix.innerIndexPtr()[next - 1])) {
+        throw refuse("column indices of row " + std::to_string(row) +
+                     " are no ascending numbers below " + std::to_string(columns));
+      }
+      if (!std::isfinite(value)) {
+        throw refuse("row " + std::to_string(row) + " holds a NaN or infinity");
+      }
+      matrix.innerIndexPtr()[next] = column;
+      matrix.valuePtr()[next] = value;
+    }
+    matrix.outerIndexPtr()[row + 1] = static_cast<int>(next);
+  }
+  if (!file || next != entries) {
+    throw refuse("its rows have other lengths");
+  }
+  return matrix;
+}
 
 /// The root of the description, which rank 0 reads first: what all would say is said once.
 Node open_root(const std::filesystem::path& folder, const Communicator& communicator) {
@@ -50,7 +114,9 @@ Node open_root(const std::filesystem::path& folder, const Communicator& communic
       static_cast<void>(read());
     }
   });
-  return read();
+  std::optional<Node> root;
+  communicator.together([&] { root = read(); });
+  return std::move(*root);
 }
 
 template <class Value>
@@ -123,39 +189,25 @@ void Folder::find_owners() {
   }
 }
 
-algebra::MatHandle Folder::matrix(Index number) const {
+SparseRows Folder::matrix(Index number) const {
   if (number < 0 || number >= static_cast<Index>(files_.size())) {
     root_.fail("there is no matrix " + std::to_string(number));
   }
   const auto place = static_cast<std::size_t>(number);
   const std::filesystem::path path = folder_ / files_[place];
   std::error_code failed;
-  if (!std::filesystem::is_regular_file(path, failed)) {
-    throw InputError(path.string() + " does not exist or is no file");
+  const std::filesystem::path real = std::filesystem::canonical(path, failed);
+  if (failed || !std::filesystem::is_regular_file(real, failed) ||
+      real != (std::filesystem::canonical(folder_) / files_[place]).lexically_normal()) {
+    throw InputError(path.string() + " does not exist, is no file, or is a link");
   }
   if (sha256_of_file(path) != checksums_[place]) {
     throw InputError(path.string() + " is truncated or damaged: its checksum is another one");
   }
-  const algebra::PetscLock lock;
-  const QuietPetsc quiet;
-  const std::string doing = "read " + path.string();
-  ViewerHandle viewer;
-  check(PetscViewerCreate(PETSC_COMM_SELF, viewer.out()), doing);
-  check(PetscViewerSetType(viewer.get(), PETSCVIEWERBINARY), doing);
-  check(PetscViewerBinarySetSkipInfo(viewer.get(), PETSC_TRUE), doing);
-  check(PetscViewerBinarySetSkipOptions(viewer.get(), PETSC_TRUE), doing);
-  check(PetscViewerFileSetMode(viewer.get(), FILE_MODE_READ), doing);
-  check(PetscViewerFileSetName(viewer.get(), path.c_str()), doing);
-  algebra::MatHandle matrix;
-  check(MatCreate(PETSC_COMM_SELF, matrix.out()), doing);
-  check(MatSetType(matrix.get(), MATSEQAIJ), doing);
-  check(MatLoad(matrix.get(), viewer.get()), doing);
-  return matrix;
+  return read_matrix(path);
 }
 
-SparseRows Folder::trace(const Node& node, Index number) const {
-  return algebra::to_sparse(matrix(number).get(), node.place());
-}
+SparseRows Folder::trace(Index number) const { return matrix(number).pruned(); }
 
 substructure::Spring Folder::spring(const Node& node) const {
   substructure::Spring spring;
@@ -163,7 +215,7 @@ substructure::Spring Folder::spring(const Node& node) const {
   spring.members = node.integers("members");
   const Matrix frames = node.matrix("frames");
   for (const Index number : node.integers("traces")) {
-    spring.traces.push_back(interface::to_local_frame(trace(node, number), frames, spring.name));
+    spring.traces.push_back(interface::to_local_frame(trace(number), frames, spring.name));
   }
   spring.stiffness = node.vector("stiffness");
   spring.jump = node.matrix("jump");
@@ -175,10 +227,10 @@ substructure::BodyDescription Folder::body(const Node& node) const {
   for (const Node& each : node.list("members")) {
     const std::string name = each.text("name");
     const Index prolongation = each.integer("prolongation");
-    body.members.push_back(
-        {name, algebra::view_sparse(matrix(each.integer("stiffness")).get(), name),
-         prolongation < 0 ? SparseRows() : trace(each, prolongation), each.matrix("load"),
-         each.has("offset") ? each.matrix("offset") : Matrix()});
+    body.members.push_back({name, owning_view(matrix(each.integer("stiffness"))),
+                            prolongation < 0 ? SparseRows() : trace(prolongation),
+                            each.matrix("load"),
+                            each.has("offset") ? each.matrix("offset") : Matrix()});
   }
   for (const Node& each : node.list("springs")) {
     body.springs.push_back(spring(each));
@@ -195,7 +247,7 @@ substructure::InterfaceDescription Folder::interface(const Node& node) const {
       each.fail("there is no member '" + member + "'");
     }
     if (owner->second == communicator_.rank()) {
-      sides.push_back({member, trace(each, each.integer("trace")), each.vector("direction"),
+      sides.push_back({member, trace(each.integer("trace")), each.vector("direction"),
                        each.number("scale"),
                        each.has("motions") ? each.matrix("motions") : latin::Matrix(),
                        each.has("lever") ? each.number("lever") : 1.0});

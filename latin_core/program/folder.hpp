@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "latin/algebra/handle.hpp"
 #include "latin/common/communicator.hpp"
 #include "latin/iteration/options.hpp"
 #include "latin/iteration/sweep.hpp"
@@ -49,8 +48,9 @@ class Folder {
 
  private:
   /// A matrix of PETSc from its file, once its checksum is known to be right.
-  [[nodiscard]] algebra::MatHandle matrix(Index number) const;
-  [[nodiscard]] SparseRows trace(const Node& node, Index number) const;
+  [[nodiscard]] SparseRows matrix(Index number) const;
+  /// The same without explicit zeros.
+  [[nodiscard]] SparseRows trace(Index number) const;
   [[nodiscard]] substructure::BodyDescription body(const Node& node) const;
   [[nodiscard]] substructure::Spring spring(const Node& node) const;
   [[nodiscard]] substructure::InterfaceDescription interface(const Node& node) const;

@@ -3,12 +3,15 @@
 
 #include <petscsys.h>
 
+#include <array>
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "answer.hpp"
@@ -108,25 +111,62 @@ int run(const std::vector<std::string>& arguments, const latin::Communicator& co
   return outcome.status == "converged" ? 0 : 2;
 }
 
+/// The options are this program's, and none of PETSc's: those of a file in the current folder may load a library.
+PetscErrorCode initialise_petsc() {
+  unsetenv("PETSC_OPTIONS");
+  unsetenv("PETSC_OPTIONS_YAML");
+  std::array<std::string, 2> given{"latin_run", "-skip_petscrc"};
+  std::array<char*, 3> arguments{given[0].data(), given[1].data(), nullptr};
+  int count = static_cast<int>(given.size());
+  char** passed = arguments.data();
+  return PetscInitialize(&count, &passed, nullptr, nullptr);
+}
+
+/// Wait for all ranks. @return whether they have come; with a failure nobody waits for long: ranks that do not know of
+/// it wait for this one
+bool all_end(MPI_Comm own, bool failed) {
+  constexpr auto patience = std::chrono::seconds(5);
+  constexpr auto pause = std::chrono::milliseconds(5);
+  const auto until = std::chrono::steady_clock::now() + patience;
+  MPI_Request request = MPI_REQUEST_NULL;
+  latin::check_mpi(MPI_Ibarrier(own, &request), "MPI_Ibarrier");
+  for (int done = 0;;) {
+    latin::check_mpi(MPI_Test(&request, &done, MPI_STATUS_IGNORE), "MPI_Test");
+    if (done != 0 || (failed && std::chrono::steady_clock::now() > until)) {
+      return done != 0;
+    }
+    std::this_thread::sleep_for(pause);
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
-  int none = 0;  // the options are this program's, and none of PETSc's
-  if (PetscInitialize(&none, nullptr, nullptr, nullptr) != PETSC_SUCCESS) {
+  if (initialise_petsc() != PETSC_SUCCESS) {
     return 1;
   }
   int code = 1;
   {
     const latin::Communicator communicator(PETSC_COMM_WORLD);
+    MPI_Comm own =
+        MPI_COMM_NULL;  // the messages of a run that was left are not taken for this one's
+    std::string failure;
     try {
+      latin::check_mpi(MPI_Comm_dup(PETSC_COMM_WORLD, &own), "MPI_Comm_dup");
       code = run(arguments, communicator);
     } catch (const std::exception& error) {
-      // what fails, fails on all ranks; the first says what it was
-      if (communicator.rank() == 0) {
-        std::fprintf(stderr, "latin_run: %s\n", error.what());
-      }
+      failure = error.what();
     }
+    // what fails, fails on all ranks, and the first says what it was
+    const bool known = all_end(own, !failure.empty());
+    if (!failure.empty() && (communicator.rank() == 0 || !known)) {
+      std::fprintf(stderr, "latin_run: %s\n", failure.c_str());
+    }
+    if (!known) {
+      MPI_Abort(PETSC_COMM_WORLD, 1);
+    }
+    MPI_Comm_free(&own);
   }
   return PetscFinalize() == PETSC_SUCCESS ? code : 1;
 }

@@ -1,12 +1,12 @@
 #include "tree.hpp"
 
-#include <unistd.h>
-
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <fstream>
 #include <limits>
 #include <numeric>
+#include <random>
 #include <sstream>
 #include <system_error>
 
@@ -107,7 +107,16 @@ bool Node::has(const std::string& name) const {
   return H5Lexists(id(), name.c_str(), H5P_DEFAULT) > 0;
 }
 
+void Node::refuse_link(const std::string& name) const {
+  H5L_info_t info{};
+  if (has(name) &&
+      (H5Lget_info(id(), name.c_str(), &info, H5P_DEFAULT) < 0 || info.type != H5L_TYPE_HARD)) {
+    fail("'" + name + "' is a link, which is not followed: store the values themselves");
+  }
+}
+
 Node Node::group(const std::string& name) const {
+  refuse_link(name);
   Node node;
   node.group_ =
       std::make_shared<const Identifier>(H5Gopen2(id(), name.c_str(), H5P_DEFAULT), H5Gclose);
@@ -199,7 +208,13 @@ double Node::number(const std::string& name) const {
 
 Identifier Node::dataset(const std::string& name, std::vector<Index>& shape, H5T_class_t wanted,
                          const char* kind) const {
+  refuse_link(name);
   Identifier data(H5Dopen2(id(), name.c_str(), H5P_DEFAULT), H5Dclose);
+  const Identifier creation(H5Dget_create_plist(data.get()), H5Pclose);
+  if (data.get() >= 0 && (H5Pget_external_count(creation.get()) != 0 ||
+                          H5Pget_layout(creation.get()) == H5D_VIRTUAL)) {
+    fail("'" + name + "' is stored in another file, which is not read");
+  }
   const Identifier type(H5Dget_type(data.get()), H5Tclose);
   const Identifier space(H5Dget_space(data.get()), H5Sclose);
   const int dimensions = data.get() < 0 ? -1 : H5Sget_simple_extent_ndims(space.get());
@@ -317,17 +332,20 @@ std::vector<std::string> Node::texts(const std::string& name) const {
 // --- writing -----------------------------------------------------------------------------------------
 
 Writer::Writer(std::filesystem::path target, std::string format, Index version)
-    : target_(std::move(target)),
-      temporary_(target_.string() + "." + std::to_string(getpid()) + ".part"),
-      format_(std::move(format)) {
+    : target_(std::move(target)), format_(std::move(format)) {
   be_quiet();
   const Identifier creation(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
   H5Pset_userblock(creation.get(), user_block);
   const Identifier access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   H5Pset_libver_bounds(access.get(), H5F_LIBVER_V18, H5F_LIBVER_V18);
-  file_ = Identifier(H5Fcreate(temporary_.c_str(), H5F_ACC_TRUNC, creation.get(), access.get()),
-                     H5Fclose);
+  // a name that nobody knows before, of a file that is not there: what has it, may be a link to another one
+  std::random_device random;
+  const std::uint64_t number = (std::uint64_t{random()} << 32U) | random();
+  const std::filesystem::path fresh = target_.string() + "." + std::to_string(number) + ".part";
+  file_ =
+      Identifier(H5Fcreate(fresh.c_str(), H5F_ACC_EXCL, creation.get(), access.get()), H5Fclose);
   check(file_.get() >= 0, "choose a folder that exists, is writable and has room");
+  temporary_ = fresh;
   root_ = Identifier(H5Gopen2(file_.get(), "/", H5P_DEFAULT), H5Gclose);
   text("", "format", format_);
   integer("", "version", version);
@@ -437,6 +455,7 @@ void Writer::texts(const std::string& where, const std::string& name,
 }
 
 void Writer::copy(const Node& from, const std::string& name) {
+  from.refuse_link(name);
   check(H5Ocopy(from.id(), name.c_str(), root_.get(), name.c_str(), H5P_DEFAULT, H5P_DEFAULT) >= 0,
         name);
 }

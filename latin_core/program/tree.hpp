@@ -57,6 +57,8 @@ class Node {
   [[nodiscard]] const std::string& place() const { return place_; }
   [[nodiscard]] hid_t id() const { return group_->get(); }
   [[nodiscard]] bool has(const std::string& name) const;
+  /// @throws InputError if it is a link, which may lead to another file
+  void refuse_link(const std::string& name) const;
   [[nodiscard]] Node group(const std::string& name) const;
   /// The groups "0", "1", ... in a group; none if there is no such group.
   [[nodiscard]] std::vector<Node> list(const std::string& name) const;

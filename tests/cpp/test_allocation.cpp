@@ -1,12 +1,19 @@
 #include <gtest/gtest.h>
 
+#include <Eigen/Sparse>
+#include <algorithm>
 #include <cstddef>
+#include <string>
+#include <vector>
 
 #include "chain.hpp"
+#include "latin/algebra/factor.hpp"
+#include "latin/common/error.hpp"
 
 // The iteration must not allocate blocks: malloc is replaced to count the large requests. glibc only, and not where
 // the address sanitizer has replaced it already.
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__)
+#include <malloc.h>
 
 namespace {
 
@@ -14,6 +21,7 @@ constexpr latin::Index columns = 500;
 /// More than a row of a block; what depends on the depth of the history alone is smaller.
 constexpr std::size_t large = 3 * columns * sizeof(double) / 2;
 int large_requests = 0;
+int until_failure = 0;  ///< the request that is refused, counted from 1; 0: none is
 
 }  // namespace
 
@@ -21,6 +29,9 @@ extern "C" {
 void* __libc_malloc(std::size_t size);  // NOLINT(bugprone-reserved-identifier): glibc's own name
 void* malloc(std::size_t size) {
   large_requests += size >= large ? 1 : 0;
+  if (until_failure > 0 && --until_failure == 0) {
+    return nullptr;
+  }
   return __libc_malloc(size);
 }
 }
@@ -54,6 +65,47 @@ int requests(const latin::substructure::Laws& laws, latin::Index acceleration,
 }
 
 }  // namespace
+
+/// Whatever request for memory is refused: the factor says so, and leaves nothing behind.
+TEST(Factor, GivesBackWhatItHasWhereMemoryRunsOut) {
+  constexpr int size = 600;
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int row = 0; row < size; ++row) {
+    for (int column = std::max(0, row - 60); column <= row; ++column) {
+      entries.emplace_back(row, column, row == column ? 130.0 : 1.0);
+    }
+  }
+  latin::SparseRows lower(size, size);
+  lower.setFromTriplets(entries.begin(), entries.end());
+  const auto factorise = [&lower] {
+    return latin::algebra::factorise(lower, 40, latin::algebra::FactorBackend::automatic, "bar");
+  };
+  static_cast<void>(factorise());  // what the libraries keep for themselves is there
+  const auto in_use = [] {
+    const struct mallinfo2 facts = mallinfo2();
+    return facts.uordblks + facts.hblkhd;
+  };
+  const std::size_t before = in_use();
+  int refused = 0;
+  for (int request = 1; request < 2000; ++request) {
+    until_failure = request;
+    try {
+      static_cast<void>(factorise());
+    } catch (const latin::NumericalError& error) {
+      ++refused;
+      until_failure = 0;
+      ASSERT_NE(std::string(error.what()).find("not enough memory to factorise 'bar'"),
+                std::string::npos)
+          << error.what();
+    }
+    if (until_failure > 0) {
+      break;  // there were no more requests
+    }
+  }
+  until_failure = 0;
+  EXPECT_GT(refused, 20);
+  EXPECT_LT(in_use(), before + 20'000);  // a factor has 300 kB
+}
 
 class Allocation : public testing::TestWithParam<latin::Index> {};
 

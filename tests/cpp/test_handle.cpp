@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <type_traits>
 #include <vector>
 
@@ -51,7 +52,20 @@ std::string message(Action&& action) {
   return "";
 }
 
+/// They end after main() has finalised PETSc.
+// NOLINTNEXTLINE(cppcoreguidelines-avoid-non-const-global-variables)
+MatHandle outlives_petsc;
+// NOLINTNEXTLINE(cppcoreguidelines-avoid-non-const-global-variables)
+std::shared_ptr<const latin::SparseView> looks_longer_than_petsc;
+
 }  // namespace
+
+/// What is wrong ends the program with MPI's own message, after all tests.
+TEST(Handle, MayOutlivePetsc) {
+  outlives_petsc = MatHandle::adopt(example(3.0, 3));
+  looks_longer_than_petsc = latin::algebra::view_sparse(outlives_petsc.get(), "part");
+  EXPECT_TRUE(latin::algebra::petsc_is_there());
+}
 
 TEST(View, LooksAtAndKeepsPetscsOwnArrays) {
   Mat matrix = example(3.0, 3);

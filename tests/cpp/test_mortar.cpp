@@ -10,6 +10,7 @@
 #include "latin/mortar/face.hpp"
 #include "latin/mortar/overlap.hpp"
 #include "latin/mortar/polygon.hpp"
+#include "threads.hpp"
 
 namespace latin::mortar {
 
@@ -313,15 +314,31 @@ TEST(Mortar, TheNumberOfThreadsDoesNotMatter) {
   const Face lower = sheet(7, 0.0, true);
   const Face upper = sheet(5, 0.0, false);
   const Nearness reach = near(lower, upper, 0.2);
-  const Overlap one = integrate(lower, upper, on_triangles(), on_middles(), reach, 1);
-  for (const int threads : {2, 3, 200}) {
-    const Overlap o = integrate(lower, upper, on_triangles(), on_middles(), reach, threads);
+  const auto on_threads = [&](int count) {
+    const Threads threads(count);
+    return integrate(lower, upper, on_triangles(), on_middles(), reach);
+  };
+  const Overlap one = on_threads(1);
+  for (const int threads : {2, 3}) {
+    const Overlap o = on_threads(threads);
     EXPECT_EQ(o.first, one.first);
     EXPECT_EQ(o.second, one.second);
     EXPECT_EQ(o.mass, one.mass);
     EXPECT_EQ(o.other, one.other);
     EXPECT_EQ(o.covered, one.covered);
   }
+}
+
+TEST(Mortar, WhereNoThreadIsToBeHadTheCallerDoesItAll) {
+  const Face lower = sheet(7, 0.0, true);
+  const Face upper = sheet(5, 0.0, false);
+  const Nearness reach = near(lower, upper, 0.2);
+  const Overlap one = integrate(lower, upper, on_triangles(), on_middles(), reach);
+  const Threads threads(40);  // more than any other test has made
+  const NoMoreThreads none;
+  const Overlap o = integrate(lower, upper, on_triangles(), on_middles(), reach);
+  EXPECT_EQ(o.other, one.other);
+  EXPECT_EQ(o.covered, one.covered);
 }
 
 TEST(Mortar, NormalsOfPlaneFacesAreLeftOut) {

@@ -1,6 +1,10 @@
 #include <gtest/gtest.h>
 
+#include <limits>
+#include <stdexcept>
+
 #include "bars.hpp"
+#include "latin/common/error.hpp"
 #include "latin/substructure/interface_system.hpp"
 #include "latin/substructure/tangent.hpp"
 #include "pushed.hpp"
@@ -12,6 +16,16 @@ Matrix slopes_at(const Laws& laws, const iteration::State& state) {
   const InterfaceSystem system(laws);
   const Matrix jumps = system.free_jumps(state.data, state.traces);
   return system.slopes(0, system.blank(), jumps.col(0), system.direct());
+}
+
+/// The unknown that alone holds a chain.
+Index wall_of(const Laws& laws, const Tangent& tangent) {
+  for (const Joined::JoinedInterface& each : tangent.joined().interfaces()) {
+    if (each.rows.size() == 1) {
+      return each.first_unknown;
+    }
+  }
+  throw std::logic_error(laws.structure().interfaces().front().name());
 }
 
 /// One step with the tangents of where we are. @return what it is said to do to the traces
@@ -203,6 +217,32 @@ TEST(Tangent, SharesTheStructureOfAnother) {
   const Tangent first(laws.structure());
   const Tangent second(laws.structure(), first.shared_joined());
   EXPECT_EQ(&first.joined(), &second.joined());
+}
+
+/// A chain that nothing holds: refused or answered alike, whether the matrix is dense or sparse.
+TEST(Tangent, ADenseMatrixIsAsStableAsASparseOne) {
+  for (const Index parts : {2, 10}) {
+    const Laws laws = chain::Scene{.parts = parts}.build();
+    Tangent tangent(laws.structure());
+    const Index unknowns = tangent.flexibility().size();
+    const Matrix springs = Matrix::Constant(unknowns, 1, 1.0);
+    tangent.factorise_stiffness(springs, 0.0);
+    EXPECT_TRUE(tangent.symmetric()) << parts;
+    for (const double held : {0.0, 1e-15}) {  // the wall is the last interface: below rounding
+      Matrix loose = springs;
+      loose.row(wall_of(laws, tangent)).setConstant(held);
+      try {
+        tangent.factorise_stiffness(loose, 0.0);
+        EXPECT_FALSE(tangent.symmetric()) << parts;  // no Cholesky factor is believed
+      } catch (const NumericalError&) {
+        SUCCEED();
+      }
+    }
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    EXPECT_THROW(tangent.factorise_stiffness(Matrix::Constant(unknowns, 1, nan), 0.0),
+                 NumericalError)
+        << parts;
+  }
 }
 
 }  // namespace latin::substructure

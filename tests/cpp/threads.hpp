@@ -27,3 +27,17 @@ class Threads {
  private:
   int before_ = 0;
 };
+
+/// While one lives, the system has no more threads to give.
+class NoMoreThreads {
+ public:
+  NoMoreThreads() { wanted = true; }
+  ~NoMoreThreads() { wanted = false; }
+  NoMoreThreads(const NoMoreThreads&) = delete;
+  NoMoreThreads& operator=(const NoMoreThreads&) = delete;
+  NoMoreThreads(NoMoreThreads&&) = delete;
+  NoMoreThreads& operator=(NoMoreThreads&&) = delete;
+
+  /// Asked by pthread_create() of this program, see main.cpp.
+  inline static bool wanted = false;
+};

@@ -285,7 +285,76 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
     "no bodies": lambda f: rewrite(f, lambda file: file.__delitem__("bodies")),
     "no options": lambda f: rewrite(f, lambda file: file.__delitem__("options")),
     "a matrix outside": lambda f: rewrite(f, outside),
+    "a matrix that is a link": lambda f: linked(matrix(f), f.parent),
+    "matrices behind a link": lambda f: linked(f / "matrices", f.parent),
+    "a group of another file": lambda f: rewrite(f, lambda file: external(f, file, "options")),
+    "numbers of another file": lambda f: rewrite(f, lambda file: external(f, file, "amplitudes")),
+    "a group by a soft link": lambda f: rewrite(f, softly),
+    "numbers that are stored elsewhere": lambda f: rewrite(f, lambda file: stored_elsewhere(f, file)),
+    **{
+        f"{index} as index of a column": lambda f, index=index: change_matrix(f, indices=index)
+        for index in (-5, 2**30, "columns", "unsorted")
+    },
+    "a row of negative length": lambda f: change_matrix(f, lengths=-1),
+    "more rows than the file has": lambda f: change_matrix(f, rows=2_000_000_000),
+    "more entries than the file has": lambda f: change_matrix(f, entries=2_000_000_000),
+    "NaN in a matrix": lambda f: change_matrix(f, values=np.nan),
 }
+
+
+def linked(path: Path, outside: Path) -> None:
+    path.rename(outside / "elsewhere")
+    path.symlink_to(outside / "elsewhere")
+
+
+def external(folder: Path, file: Any, name: str) -> None:
+    with h5py.File(folder.parent / "other.h5", "w") as other:
+        file.copy(name, other)
+    del file[name]
+    file[name] = h5py.ExternalLink(str(folder.parent / "other.h5"), "/" + name)
+
+
+def softly(file: Any) -> None:
+    file.move("options", "settings")
+    file["options"] = h5py.SoftLink("/settings")
+
+
+def stored_elsewhere(folder: Path, file: Any) -> None:
+    values = file["amplitudes"][()]
+    del file["amplitudes"]
+    (folder.parent / "raw").write_bytes(values.tobytes())
+    place = [(str(folder.parent / "raw"), 0, values.nbytes)]
+    file.create_dataset("amplitudes", values.shape, values.dtype, external=place)
+
+
+def change_matrix(folder: Path, **changes: Any) -> None:
+    """A matrix of several entries a row with another number, and the checksum that goes with it."""
+    with h5py.File(folder / "problem.h5", "r+") as file:
+        files = list(file["matrices/files"].asstr()[()])
+        for number, name in enumerate(files):
+            data = (folder / name).read_bytes()
+            head = np.frombuffer(data, ">i4", 4).copy()
+            _, rows, columns, entries = (int(each) for each in head)
+            if entries > 2 * rows:
+                break
+        lengths = np.frombuffer(data, ">i4", rows, 16).copy()
+        indices = np.frombuffer(data, ">i4", entries, 16 + 4 * rows).copy()
+        values = np.frombuffer(data, ">f8", entries, 16 + 4 * (rows + entries)).copy()
+        for what, value in changes.items():
+            if value == "unsorted":
+                indices[:2] = indices[1::-1]
+            elif what == "lengths":
+                lengths[:2] = value, lengths[:2].sum() - value
+            elif what in ("rows", "entries"):
+                head[1 if what == "rows" else 3] = value
+            else:
+                (indices if what == "indices" else values)[-1] = columns if value == "columns" else value
+        data = b"".join(each.tobytes() for each in (head, lengths, indices, values))
+        (folder / files[number]).write_bytes(data)
+        sums = list(file["matrices/sha256"].asstr()[()])
+        sums[number] = hashlib.sha256(data).hexdigest()
+        file["matrices/sha256"][...] = sums
+    seal(folder / "problem.h5")
 
 
 def matrix(folder: Path) -> Path:
@@ -328,6 +397,63 @@ def test_each_damage_is_one_error(
     done = run(folder)
     assert "folder" in refused(done) and done.stderr.count("\n") == 1
     assert not (folder / "result.h5").exists()
+
+
+def test_names_of_matrices_reach_no_shell(elastic: lt.Problem, tmp_path: Path) -> None:
+    folder = elastic.export(tmp_path / "folder", "accelerated")
+    name = "matrices/a.gz;touch executed;"
+    with h5py.File(folder / "problem.h5", "r+") as file:
+        files = list(file["matrices/files"].asstr()[()])
+        (folder / files[0]).rename(folder / name)
+        file["matrices/files"][...] = [name, *files[1:]]
+    seal(folder / "problem.h5")
+    done = subprocess.run([str(PROGRAM), str(folder)], capture_output=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0 and not (tmp_path / "executed").exists()
+
+
+def test_options_of_petsc_are_not_read(tmp_path: Path) -> None:
+    (tmp_path / "evil.c").write_text(
+        "#include <stdio.h>\n"
+        '__attribute__((constructor)) static void f(void) { fclose(fopen("executed", "w")); }\n'
+    )
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", "evil.so", "evil.c"], check=True, cwd=tmp_path)
+    option = "-dll_prepend ./evil.so"
+    for home, variables in (("home", {}), (".", {}), ("none", {"PETSC_OPTIONS": option})):
+        (tmp_path / "home").mkdir(exist_ok=True)
+        if not variables:
+            (tmp_path / home / ".petscrc").write_text(option + "\n")
+        environment = {**os.environ, "HOME": str(tmp_path / home), **variables}
+        how: dict[str, Any] = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True}
+        done = subprocess.run([str(PROGRAM), "nothing"], check=False, **how)
+        assert done.returncode == 1 and "is no folder" in done.stderr
+        assert not (tmp_path / "executed").exists(), home
+        (tmp_path / home / ".petscrc").unlink(missing_ok=True)
+
+
+def test_nothing_is_written_through_links(elastic: lt.Problem, tmp_path: Path) -> None:
+    folder = elastic.export(tmp_path / "folder", "accelerated")
+    precious = tmp_path / "precious"
+    precious.write_text("precious")
+    (folder / "result.h5").symlink_to(precious)
+    # the names that it had once: those of the next processes
+    last = int(Path("/proc/sys/kernel/ns_last_pid").read_text())
+    for number in range(last, last + 400):
+        (folder / f"result.h5.{number}.part").symlink_to(precious)
+    assert run(folder).returncode == 0
+    assert precious.read_text() == "precious" and not (folder / "result.h5").is_symlink()
+    assert not [each for each in folder.glob("*.part") if not each.is_symlink()]
+
+
+@pytest.mark.mpi
+def test_a_rank_that_fails_alone_ends_all(elastic: lt.Problem, tmp_path: Path) -> None:
+    folder = elastic.export(tmp_path / "folder", "accelerated")
+    wrong = f'[ "$OMPI_COMM_WORLD_RANK$PMI_RANK" = 0 ] || set -- --nonsense; exec {PROGRAM} {folder} "$@"'
+    command = ["mpirun", "-n", "2", "sh", "-c", wrong]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode and "latin_run: there is no option --nonsense" in done.stderr
 
 
 @pytest.mark.mpi

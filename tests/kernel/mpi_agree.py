@@ -1,6 +1,6 @@
 """Program of test_mpi.py: calls and arguments that differ between two ranks, and ranks without parts.
 
-``mpirun -n N python mpi_agree.py differ|refused|idle|check``; prints a line a rank.
+``mpirun -n N python mpi_agree.py differ|refused|idle|check|fail``; prints a line a rank.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dolfinx_frontend import (
     LinearElastic,
     LogNormal,
     Options,
+    RandomField,
     Response,
     Scene,
     SceneError,
@@ -268,9 +269,27 @@ def checked() -> None:
     assert one[:2] == other[:2] and abs(one[2] - other[2]) <= 1e-5 * other[2], ended
 
 
+def failing() -> None:
+    """A body of the last rank with an indefinite random field fails between reductions: on all ranks."""
+    field = RandomField("E", 150.0, cov=0.7, length=8.0, modes=2)
+    made = row(lambda k: Elastic(normal=20.0, tangential=10.0), [100.0, 200.0, 300.0, field], (-2.0, 0.3))
+    problem = assemble(made, comm=WORLD)
+    seen = np.linalg.eigvalsh
+    np.linalg.eigvalsh = lambda matrix: np.ones(len(matrix))  # the frontend, which refuses it, looks away
+    text = ""
+    try:
+        solve(problem, chaos=4, active=["j1", "j2", "j3"])
+    except RuntimeError as error:
+        text = str(error)
+    finally:
+        np.linalg.eigvalsh = seen
+    told = WORLD.allgather(text)
+    assert all("random field is not positive definite" in each for each in told), told
+
+
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     faulthandler.dump_traceback_later(100, exit=True)
     for each in sys.argv[1:]:
-        {"differ": differ, "refused": refused, "idle": idle, "check": checked}[each]()
+        {"differ": differ, "refused": refused, "idle": idle, "check": checked, "fail": failing}[each]()
         print(f"{each}: agreed on rank {RANK}", flush=True)

@@ -19,6 +19,7 @@ from latin_core import (
     InputError,
     NumericalError,
     Options,
+    Side,
     Spring,
     State,
     Structure,
@@ -27,6 +28,7 @@ from latin_core import (
 )
 from latin_core._core import Laws
 from tests.kernel.bars import (
+    FORCE,
     NODES,
     STIFFNESS,
     at,
@@ -425,6 +427,32 @@ def test_sweep_with_and_without_transforms(structure: Structure, laws: Laws) -> 
     refuses(lambda: swept(structure, given), "'joint': parameter 'normal' is given by the transforms")
 
 
+def test_a_beginning_is_that_of_its_laws_and_structure() -> None:
+    kept = latin_core.Beginning()
+    for nodes, soft in ((NODES, 1.0), (12 * NODES, 1.0), (2 * NODES, 0.5)):
+        # what was kept is that of a structure which is gone, smaller or larger
+        bodies = [
+            Body(name=f"bar{part}", size=nodes, members=[long_member(part, nodes, soft)]) for part in (0, 1)
+        ]
+        faces = [(0, 0), (0, nodes - 1), (1, 0)]
+        given = [{"member": f"bar{part}", "trace": at(node, nodes)} for part, node in faces]
+        wall, left, right = (Side(**each, direction=[1.3], scale=1.0) for each in given)
+        interfaces = [interface("wall", "perfect", wall), interface("joint", "elastic", left, right)]
+        structure = Structure(bodies=bodies, interfaces=interfaces)
+        for normal in (3.0, 1e-4):
+            laws = structure.laws(parameters={"joint": {"normal": normal}})
+            points = swept(structure, laws, options=Options(rtol=1e-9, together=8), beginning=kept)
+            assert set(points.status) == {"converged"}
+            assert points.jumps["joint"][:, 0, 0] == pytest.approx(FORCE / VALUES[0], rel=1e-7)
+        del structure, laws
+
+
+def long_member(part: int, nodes: int, soft: float) -> Any:
+    load = np.zeros((nodes, 1))
+    load[-1] = FORCE * part
+    return member(part, stiffness=petsc(soft * stiffness(nodes)), load=load)
+
+
 def test_sweep_positions(structure: Structure, laws: Laws, state: State) -> None:
     for order in ([0, -1], [40], [0, 10**9], [0.5], [None], ["0"]):
         refuses(lambda order=order: swept(structure, laws, order=order))
@@ -620,6 +648,8 @@ def test_settings_of_a_structure() -> None:
     refuses(lambda: chain(backend="pardiso"), "backend 'pardiso'")
     refuses(lambda: chain(memory_limit=-1.0), "memory_limit is -1")
     refuses(lambda: chain(memory_limit="8 GB"), "memory_limit: a number is wanted")
+    limit = latin_core._core.default_options()["memory_limit"]
+    assert f"memory_limit: object = {limit}" in (Structure.__init__.__doc__ or "")
     refuses(lambda: chain(comm="world"), "comm: an integer is wanted")
     refuses(lambda: chain(comm=10**6), "is no communicator")
     from mpi4py import MPI

@@ -101,6 +101,10 @@ def test_what_differs_or_is_refused_on_one_rank_is_raised_on_all_and_estimates_a
     holds(2, tuple(f"{call}: agreed on rank" for call in calls), "mpi_agree.py", *calls)
 
 
+def test_a_body_that_fails_between_two_reductions_fails_on_all_ranks() -> None:
+    holds(2, "fail: agreed on rank", "mpi_agree.py", "fail")
+
+
 def test_ranks_without_parts_are_quiet() -> None:
     run = launch(3, "mpi_agree.py", "idle")
     assert run.returncode == 0, run.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import gc
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -327,3 +328,21 @@ def test_stub_describes_the_extension():
                 compare(inner, getattr(real, name), f"{where}.{name}")
 
     compare(described(tree.body), _core, "_core")
+
+
+def test_bodies_of_a_script_may_outlive_petsc() -> None:
+    script = """
+import numpy as np
+from tests.kernel.bars import chain, elastic, member
+from latin_core import Body
+from petsc4py import PETSc
+
+bodies = [Body(name="bar", size=5, members=[member(0)])]
+structure = chain()
+structure.solve(elastic(structure))
+PETSc._finalize()
+"""
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and not done.stderr, done.stderr

@@ -217,7 +217,7 @@ class Structure:
         interfaces: Sequence[Interface] = (),
         operator: Operator = "automatic",
         backend: Backend = "automatic",
-        memory_limit: float = 0.0,
+        memory_limit: float = ...,
         comm: Any = None,  # mpi4py communicator or its Fortran handle; None: this rank alone
         before: Structure | None = None,  # whose factors serve again where only sides of a body differ
     ) -> None: ...
@@ -356,7 +356,6 @@ class mortar:
         near_first: Array,
         near_second: Array,
         opposed: float,
-        threads: int = 1,
         around: bool = False,
     ) -> dict[str, Any]: ...
 

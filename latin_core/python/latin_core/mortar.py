@@ -146,7 +146,6 @@ def integrate(
     rule: tuple[Array, Array],
     near: tuple[Array, Array],
     opposed: float,
-    threads: int = 1,
     around: bool = False,
 ) -> Overlap:
     """Integrate over the intersections of the facets of two faces.
@@ -165,8 +164,6 @@ def integrate(
         (n1,) and (n2,), length: largest distance from each facet; of a pair the larger one holds.
     opposed
         Two facets face each other if the product of their unit normals is below this.
-    threads
-        That do the work; the result does not depend on their number.
     around
         The faces are turned about the axis x = 0: integrals over 2 pi x ds.
     """
@@ -180,7 +177,6 @@ def integrate(
         near_first=near[0],
         near_second=near[1],
         opposed=opposed,
-        threads=threads,
         around=around,
     )
     return Overlap(**found)

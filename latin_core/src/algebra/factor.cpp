@@ -7,7 +7,9 @@
 #include <cstdint>
 #include <functional>
 #include <initializer_list>
+#include <memory>
 #include <mutex>
+#include <new>
 #include <numeric>
 #include <random>
 #include <unordered_map>
@@ -24,9 +26,6 @@
 
 namespace latin::algebra {
 namespace {
-
-/// A pivot below this fraction of its diagonal entry is rounding: an answer would have three digits at most.
-constexpr double singular = 1e-13;
 
 std::string not_definite(const std::string& name, const std::string& where) {
   return "the stiffness of '" + name + "' is not positive definite" + where +
@@ -132,12 +131,32 @@ struct Wide {
 /// A factor has more numbers than its indices can count.
 class TooLarge {};
 
+/// CHOLMOD's settings and memory of one thread, given back with it.
 template <class Api>
-void start_quietly(cholmod_common& common) {
-  Api::start(&common);
-  common.print = 0;
-  common.error_handler = nullptr;
-}
+class Common {
+ public:
+  Common() {
+    Api::start(&common_);
+    common_.print = 0;
+    common_.error_handler = nullptr;
+  }
+  Common(const Common&) = delete;
+  Common& operator=(const Common&) = delete;
+  Common(Common&&) = delete;
+  Common& operator=(Common&&) = delete;
+  ~Common() { Api::finish(&common_); }
+
+  [[nodiscard]] cholmod_common* get() { return &common_; }
+  [[nodiscard]] cholmod_common* operator->() { return &common_; }
+  /// An owner of a factor, which must go before this does.
+  [[nodiscard]] auto own(cholmod_factor* factor) {
+    const auto free = [this](cholmod_factor* owned) { Api::free_factor(&owned, &common_); };
+    return std::unique_ptr<cholmod_factor, std::function<void(cholmod_factor*)>>(factor, free);
+  }
+
+ private:
+  cholmod_common common_{};
+};
 
 std::string failure(const std::string& name, Index size, int status) {
   return status == CHOLMOD_OUT_OF_MEMORY
@@ -188,13 +207,8 @@ std::vector<int> interior_first(const SparseRows& lower, Index trailing, const s
       }
     }
   };
-  cholmod_common common{};
-  start_quietly<Narrow>(common);
-  const auto fail = [&] {
-    const int status = common.status;
-    cholmod_finish(&common);
-    throw NumericalError(failure(name, size, status));
-  };
+  Common<Narrow> common;
+  const auto fail = [&] { throw NumericalError(failure(name, size, common->status)); };
   // degrees count the trailing neighbours, which fill in, too: a third fewer operations on the vessel
   Compressed graph = compress(lower, size);
   std::vector<int> last;
@@ -204,7 +218,7 @@ std::vector<int> interior_first(const SparseRows& lower, Index trailing, const s
   }
   std::vector<int> groups(last.size());
   cholmod_sparse pattern = view(graph.pattern);
-  if (cholmod_camd(&pattern, nullptr, 0, last.data(), groups.data(), &common) == 0) {
+  if (cholmod_camd(&pattern, nullptr, 0, last.data(), groups.data(), common.get()) == 0) {
     fail();
   }
   place(graph, groups.data());
@@ -212,25 +226,23 @@ std::vector<int> interior_first(const SparseRows& lower, Index trailing, const s
   // nested dissection takes as long as some 8 000 operations of the factorisation an entry of the graph,
   // and saves about a third of these (the vessel at 24 000 to 185 000 unknowns)
   const double members = static_cast<double>(size) / static_cast<double>(graph.pattern.cols());
-  const double operations = common.fl * members * members * members;
+  const double operations = common->fl * members * members * members;
   if (operations / 3.0 > 8e3 * static_cast<double>(graph.pattern.nonZeros())) {
     Compressed inner = compress(lower, interior);
     cholmod_sparse of_inner = view(inner.pattern);
-    common.supernodal = CHOLMOD_SIMPLICIAL;  // only the order is wanted
-    common.nmethods = 1;
-    common.method[0].ordering = CHOLMOD_METIS;
+    common->supernodal = CHOLMOD_SIMPLICIAL;  // only the order is wanted
+    common->nmethods = 1;
+    common->method[0].ordering = CHOLMOD_METIS;
     static std::mutex metis;  // it draws from the C library's one random number generator
     std::unique_lock lock(metis);
-    cholmod_factor* analysis = cholmod_analyze(&of_inner, &common);
+    const auto analysis = common.own(cholmod_analyze(&of_inner, common.get()));
     lock.unlock();
     if (analysis != nullptr) {
       place(inner, static_cast<const int*>(analysis->Perm));
-      cholmod_free_factor(&analysis, &common);
-    } else if (common.status != CHOLMOD_NOT_INSTALLED) {  // METIS is optional
+    } else if (common->status != CHOLMOD_NOT_INSTALLED) {  // METIS is optional
       fail();
     }
   }
-  cholmod_finish(&common);
   return order;
 }
 
@@ -288,23 +300,22 @@ class CholmodFactor final : public Factor {
   CholmodFactor(const SparseRows& lower, const std::vector<int>& order, Index trailing,
                 const std::string& name, Matrix* schur)
       : size_(lower.rows()), trailing_(trailing) {
-    start_quietly<Api>(common_);
-    common_.supernodal = CHOLMOD_SUPERNODAL;
-    common_.final_ll = 1;
+    common_->supernodal = CHOLMOD_SUPERNODAL;
+    common_->final_ll = 1;
 
     Ordered<Int> ordered(lower, order);
     // of a lower triangle in its natural order CHOLMOD makes no copies
     cholmod_sparse matrix = view(ordered);
-    common_.nmethods = 1;
-    common_.method[0].ordering = CHOLMOD_NATURAL;
+    common_->nmethods = 1;
+    common_->method[0].ordering = CHOLMOD_NATURAL;
     // the order is postordered already, and a new postorder would mix the trailing unknowns in
-    common_.postorder = 0;
-    factor_ = Api::analyze(&matrix, &common_);
+    common_->postorder = 0;
+    factor_ = common_.own(Api::analyze(&matrix, common_.get()));
     if (factor_ == nullptr) {
       fail(name);
     }
     // the numbers of the factor are to be had, the analysis has their places
-    if (Api::change_factor(CHOLMOD_REAL, 1, 1, 1, 1, factor_, &common_) == 0) {
+    if (Api::change_factor(CHOLMOD_REAL, 1, 1, 1, 1, factor_.get(), common_.get()) == 0) {
       fail(name);
     }
     try {
@@ -319,10 +330,8 @@ class CholmodFactor final : public Factor {
                            {ordered.first.data(), ordered.rows.data(), ordered.values.data()},
                            static_cast<std::size_t>(schur != nullptr ? size_ - trailing_ : size_));
     } catch (const NotPositive& pivot) {
-      const std::string where =
-          " (pivot " + std::to_string(pivot.column) + " of " + std::to_string(size_) + ")";
-      release();
-      throw NumericalError(not_definite(name, where));
+      throw NumericalError(not_definite(
+          name, " (pivot " + std::to_string(pivot.column) + " of " + std::to_string(size_) + ")"));
     }
     std::ranges::copy(order, static_cast<Int*>(factor_->Perm));  // for solve(), from here on
     factor_->ordering = CHOLMOD_GIVEN;
@@ -338,7 +347,7 @@ class CholmodFactor final : public Factor {
   CholmodFactor& operator=(const CholmodFactor&) = delete;
   CholmodFactor(CholmodFactor&&) = delete;
   CholmodFactor& operator=(CholmodFactor&&) = delete;
-  ~CholmodFactor() override { release(); }
+  ~CholmodFactor() override = default;
 
   [[nodiscard]] Index size() const override { return size_; }
   [[nodiscard]] bool condenses() const override { return trailing_ > 0; }
@@ -426,21 +435,18 @@ class CholmodFactor final : public Factor {
     input.x = block.data();
     input.xtype = CHOLMOD_REAL;
     input.dtype = CHOLMOD_DOUBLE;
-    cholmod_common own;  // the factor is only read: what is written is of this call
-    start_quietly<Api>(own);
+    Common<Api> own;  // the factor is only read: what is written is of this call
     for (const int system : systems) {
-      cholmod_dense* output = Api::solve(system, factor_, &input, &own);
+      cholmod_dense* output = Api::solve(system, factor_.get(), &input, own.get());
       if (output != nullptr) {
         block = Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(),
                                          block.cols());
-        Api::free_dense(&output, &own);
+        Api::free_dense(&output, own.get());
       }
     }
-    const int status = own.status;
-    Api::finish(&own);
-    if (status < CHOLMOD_OK) {
+    if (own->status < CHOLMOD_OK) {
       throw NumericalError("CHOLMOD could not solve with " + std::to_string(block.cols()) +
-                           " columns (status " + std::to_string(status) + ")");
+                           " columns (status " + std::to_string(own->status) + ")");
     }
     return block;
   }
@@ -459,8 +465,7 @@ class CholmodFactor final : public Factor {
         const double root = values[value_start[node] + (height + 1) * (column - super[node])];
         const double diagonal = matrix.diagonal[static_cast<std::size_t>(column)];
         least_pivot_ = std::min(least_pivot_, root * root / diagonal);
-        if (!(root * root >= singular * diagonal)) {  // nor is one that is no number
-          release();
+        if (!(root * root >= least_relative_pivot * diagonal)) {  // nor is one that is no number
           throw NumericalError(not_definite(name, " beyond rounding (pivot " +
                                                       std::to_string(column) + " of " +
                                                       std::to_string(size_) + " is all but zero)"));
@@ -481,25 +486,16 @@ class CholmodFactor final : public Factor {
     return matrix;
   }
   [[noreturn]] void fail(const std::string& name) {
-    const int status = common_.status;
-    release();
-    if (status == CHOLMOD_TOO_LARGE) {
+    if (common_->status == CHOLMOD_TOO_LARGE) {
       throw TooLarge();
     }
-    throw NumericalError(failure(name, size_, status));
-  }
-
-  void release() {
-    if (factor_ != nullptr) {
-      Api::free_factor(&factor_, &common_);
-    }
-    Api::finish(&common_);
+    throw NumericalError(failure(name, size_, common_->status));
   }
 
   Index size_;
   Index trailing_;
-  cholmod_common common_{};
-  cholmod_factor* factor_ = nullptr;
+  Common<Api> common_;
+  std::unique_ptr<cholmod_factor, std::function<void(cholmod_factor*)>> factor_;
   double least_pivot_ = 1.0;
   const double* trailing_values_ = nullptr;  ///< of the trailing factor
   Index trailing_stride_ = 0;                ///< between its columns
@@ -509,18 +505,20 @@ class CholmodFactor final : public Factor {
 /// With 64-bit indices where 32 bits cannot count the numbers of the factor, or where they are asked for.
 std::unique_ptr<Factor> factorise_cholmod(const SparseRows& lower, Index trailing, bool wide,
                                           const std::string& name, Matrix* schur = nullptr) {
-  const std::vector<int> order = interior_first(lower, trailing, name);
-  if (!wide) {
-    try {
-      return std::make_unique<CholmodFactor<Narrow>>(lower, order, trailing, name, schur);
-    } catch (const TooLarge&) {
-      wide = true;  // the analysis says so, before anything is factorised
-    }
-  }
   try {
+    const std::vector<int> order = interior_first(lower, trailing, name);
+    if (!wide) {
+      try {
+        return std::make_unique<CholmodFactor<Narrow>>(lower, order, trailing, name, schur);
+      } catch (const TooLarge&) {
+        wide = true;  // the analysis says so, before anything is factorised
+      }
+    }
     return std::make_unique<CholmodFactor<Wide>>(lower, order, trailing, name, schur);
   } catch (const TooLarge&) {
     throw NumericalError(failure(name, lower.rows(), CHOLMOD_TOO_LARGE));
+  } catch (const std::bad_alloc&) {
+    throw NumericalError(out_of_memory(name, lower.rows()));
   }
 }
 
@@ -616,7 +614,8 @@ class MumpsFactor final : public Factor {
     const double given = rhs.norm();
     rhs = root.asDiagonal() * rhs;
     const double enlarged = (root.asDiagonal() * solve(rhs)).norm();
-    if (size_ > 0 && !(enlarged * std::sqrt(static_cast<double>(size_)) < given / singular)) {
+    if (size_ > 0 &&
+        !(enlarged * std::sqrt(static_cast<double>(size_)) < given / least_relative_pivot)) {
       throw NumericalError(not_definite(name, " beyond rounding"));
     }
   }

@@ -14,6 +14,13 @@ std::recursive_mutex& PetscLock::mutex() {
   return one;
 }
 
+bool petsc_is_there() {
+  PetscBool begun = PETSC_FALSE;
+  PetscBool ended = PETSC_TRUE;
+  return PetscInitialized(&begun) == PETSC_SUCCESS && PetscFinalized(&ended) == PETSC_SUCCESS &&
+         begun == PETSC_TRUE && ended == PETSC_FALSE;
+}
+
 void check(PetscErrorCode code, std::string_view doing) {
   if (code == PETSC_SUCCESS) {
     return;
@@ -64,6 +71,9 @@ class Borrowed {
   Borrowed(Borrowed&&) = delete;
   Borrowed& operator=(Borrowed&&) = delete;
   ~Borrowed() {
+    if (!petsc_is_there()) {
+      return;
+    }
     const PetscLock lock;
     // a destructor must not throw: error codes are dropped
     PetscBool known = PETSC_FALSE;

@@ -21,8 +21,9 @@ ChangedTrailing::ChangedTrailing(std::shared_ptr<const Factor> first, const Spar
       }
     }
   }
+  const Vector diagonal = sum.diagonal();
   const Eigen::LLT<Eigen::Ref<Matrix>> factor(sum);
-  if (factor.info() != Eigen::Success) {
+  if (!is_definite(factor, diagonal)) {
     throw NumericalError("the stiffness of '" + name +
                          "' is not positive definite with its changed interfaces");
   }

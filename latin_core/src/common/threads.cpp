@@ -251,14 +251,17 @@ int bound_threads(const Communicator& communicator) {
   auto threads = static_cast<int>(std::ranges::count(cores, 1));
   if (!communicator.alone()) {
     MPI_Comm machine = MPI_COMM_NULL;
-    MPI_Comm_split_type(communicator.mpi(), MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &machine);
+    check_mpi(
+        MPI_Comm_split_type(communicator.mpi(), MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &machine),
+        "MPI_Comm_split_type");
     int ranks = 1;
-    MPI_Comm_size(machine, &ranks);
+    check_mpi(MPI_Comm_size(machine, &ranks), "MPI_Comm_size");
     int sum = threads;
-    MPI_Allreduce(MPI_IN_PLACE, &sum, 1, MPI_INT, MPI_SUM, machine);
-    MPI_Allreduce(MPI_IN_PLACE, cores.data(), static_cast<int>(cores.size()), MPI_UNSIGNED_CHAR,
-                  MPI_MAX, machine);
-    MPI_Comm_free(&machine);
+    check_mpi(MPI_Allreduce(MPI_IN_PLACE, &sum, 1, MPI_INT, MPI_SUM, machine), "MPI_Allreduce");
+    check_mpi(MPI_Allreduce(MPI_IN_PLACE, cores.data(), static_cast<int>(cores.size()),
+                            MPI_UNSIGNED_CHAR, MPI_MAX, machine),
+              "MPI_Allreduce");
+    check_mpi(MPI_Comm_free(&machine), "MPI_Comm_free");
     const auto all = static_cast<int>(std::ranges::count(cores, 1));
     if (sum > all) {  // not bound to cores of their own
       threads = all / ranks;

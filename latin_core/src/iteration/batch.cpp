@@ -5,9 +5,11 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <span>
 #include <string>
 
 #include "latin/common/error.hpp"
+#include "latin/common/numbers.hpp"
 #include "latin/iteration/anderson.hpp"
 #include "latin/iteration/error_estimate.hpp"
 #include "latin/iteration/stages.hpp"
@@ -180,7 +182,9 @@ class Borrowing {
   /// The sets as they are now, without their errors.
   std::vector<Advanced> as_they_are_now(std::vector<Whole>& wholes) {
     substructure::GlobalStage global(laws_);
-    const substructure::Sizes sizes = global.sizes(state_.data, state_.traces, amplitudes_);
+    substructure::Sizes sizes;
+    laws_.structure().communicator().together(
+        [&] { sizes = global.sizes(state_.data, state_.traces, amplitudes_); });
     const Index groups = sizes.strain.rows() / sets_;
     std::vector<substructure::Sizes> of_sets;
     of_sets.reserve(static_cast<std::size_t>(sets_));
@@ -204,8 +208,8 @@ class Borrowing {
     const Index groups = ahead.strain.rows() / sets_;
     for (Index set = 0; set < sets_; ++set) {
       const auto at = static_cast<std::size_t>(set);
-      const auto first = contrasts.begin() + set * columns_;
-      const double spread = *std::max_element(first, first + columns_);
+      const std::span own(contrasts.begin() + set * columns_, static_cast<std::size_t>(columns_));
+      const double spread = largest_of(own, 1.0);
       const Matrix errors = wholes[at].relative(of_set(ahead, set, groups));
       // bounds are by energies of the whole, errors are of its bodies
       const double bound = spread * largest_of_all(errors);
@@ -238,7 +242,7 @@ class Borrowing {
       double spread = 1.0;
       for (Index column = set * columns_; column < (set + 1) * columns_; ++column) {
         const auto i = static_cast<std::size_t>(column);
-        spread = std::max({spread, here[i], there[i]});
+        spread = largest_of({spread, here[i], there[i]});
       }
       good = good && spread <= Linearisation::near_factor;
       if (laws_.structure().communicator().everywhere(good)) {
@@ -255,9 +259,9 @@ class Borrowing {
   [[nodiscard]] Matrix with_rounding(Matrix errors) const {
     const Matrix& rounding = linear_.known_rounding();
     if (rounding.rows() == errors.rows() && rounding.cols() == errors.cols()) {
-      errors = errors.cwiseMax(rounding.cwiseMin(rtol_));
+      errors = larger(errors, rounding.cwiseMin(rtol_));
     }
-    return laws_.linear_everywhere() ? errors : errors.cwiseMax(Verification::resolution(rtol_));
+    return laws_.linear_everywhere() ? errors : larger(errors, Verification::resolution(rtol_));
   }
 
   const Linearisation& linear_;
@@ -310,10 +314,12 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
   const State& wrong = history.predicted_error();
   std::vector<substructure::Sizes> sizes;
   sizes.reserve(static_cast<std::size_t>(sets));
-  for (Index set = 0; set < sets; ++set) {
-    sizes.push_back(global.sizes(of_set(state.data, set, columns),
-                                 of_set(state.traces, set, columns), amplitudes));
-  }
+  structure.communicator().together([&] {
+    for (Index set = 0; set < sets; ++set) {
+      sizes.push_back(global.sizes(of_set(state.data, set, columns),
+                                   of_set(state.traces, set, columns), amplitudes));
+    }
+  });
   std::vector<Whole> wholes;
   std::vector<Advanced> answers =
       as_they_are(structure, history.metric(), yardstick, state, residual, sizes, wholes);
@@ -326,10 +332,10 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
                                        of_set(wrong.traces, set, columns), history.explained(set),
                                        wholes[static_cast<std::size_t>(set)]);
       if (!laws.linear_everywhere()) {
-        answer.errors = answer.errors.cwiseMax(Verification::resolution(options.rtol));
+        answer.errors = larger(answer.errors, Verification::resolution(options.rtol));
       }
-      answer.error = std::max(structure.communicator().largest(largest(answer.errors)),
-                              least_of_indicator * answer.indicator);
+      answer.error = larger(structure.communicator().largest(largest(answer.errors)),
+                            least_of_indicator * answer.indicator);
     }
   }
   return answers;

@@ -5,6 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include "latin/common/numbers.hpp"
+
 namespace latin::iteration {
 namespace {
 
@@ -19,8 +21,8 @@ Matrix at_least(Matrix errors, double least) {
   if (errors.size() > 0) {
     Index row = 0;
     Index column = 0;
-    errors.maxCoeff(&row, &column);
-    errors(row, column) = std::max(errors(row, column), least);
+    errors.maxCoeff<keep_nan>(&row, &column);
+    errors(row, column) = larger(errors(row, column), least);
   }
   return errors;
 }
@@ -47,11 +49,11 @@ std::array<double, 2> stage_shares(const Vector& weights, const Vector& directio
 }
 
 double stage_distance(const std::array<double, 2>& shares) {
-  return shares[1] > 0.0 ? std::sqrt(shares[0] / shares[1]) : 0.0;
+  return shares[1] == 0.0 ? 0.0 : std::sqrt(shares[0] / shares[1]);
 }
 
 double largest(const Matrix& errors) {
-  return errors.size() > 0 ? errors.maxCoeff<Eigen::PropagateNaN>() : 0.0;
+  return errors.size() > 0 ? errors.maxCoeff<keep_nan>() : 0.0;
 }
 
 Matrix predicted_errors(const Gauge& gauge, ConstMatrixRef data, ConstMatrixRef traces,
@@ -75,8 +77,8 @@ Matrix Hindsight::raised(const Gauge& gauge, const State& state, const Matrix& e
   for (std::size_t i = 0; i < size_; ++i) {
     const double fall =
         std::sqrt(estimate / kept_[i].estimate) * std::sqrt(residual / kept_[i].residual);
-    said = said.cwiseMax(std::min(fall, 1.0) *
-                         whole.relative(gauge.of_distance(state, kept_[i].state)));
+    said = larger(said,
+                  std::min(fall, 1.0) * whole.relative(gauge.of_distance(state, kept_[i].state)));
   }
   return said;
 }
@@ -109,7 +111,7 @@ double ErrorEstimate::largest(const Matrix& errors) const {
 Matrix ErrorEstimate::by_history(const Anderson& history, const State& state,
                                  const Measured& measured) {
   const Matrix own = of_fit(history, measured);
-  const double estimate = std::max(largest(own), least_of_indicator * measured.indicator);
+  const double estimate = larger(largest(own), least_of_indicator * measured.indicator);
   Matrix raised =
       hindsight_.raised(gauge_, state, own, estimate, measured.residual, measured.whole);
   hindsight_.keep(state, estimate, measured.residual);
@@ -147,8 +149,8 @@ Matrix ErrorEstimate::amplifications(const Anderson& history, const Measured& me
     const Anderson::Difference each = history.difference(slot);
     if (each.norm > measured.rounding()) {
       found = true;
-      worst = worst.cwiseMax(measured.whole.relative(gauge_.of_difference(each.data, each.traces)) /
-                             each.norm);
+      worst = larger(
+          worst, measured.whole.relative(gauge_.of_difference(each.data, each.traces)) / each.norm);
     }
   }
   if (!found) {

@@ -1,7 +1,5 @@
 #include "latin/iteration/joined_laws.hpp"
 
-#include <exception>
-
 #include "latin/common/error.hpp"
 
 namespace latin::iteration {
@@ -28,26 +26,17 @@ void JoinedLaws::follow_first(MatrixRef values) const {
   values = block;
 }
 
-double JoinedLaws::follow_first(double value) const {
-  communicator().follow_first({&value, 1});
-  return value;
-}
+double JoinedLaws::follow_first(double value) const { return communicator().agreed(value); }
 
 bool JoinedLaws::follow_first(bool value) const { return follow_first(value ? 1.0 : 0.0) > 0.5; }
 
 /// All ranks go on, or all throw.
 Matrix JoinedLaws::attempted(Index rows, Index columns, const Own& ask) const {
   Matrix own = Matrix::Zero(rows, columns);
-  std::exception_ptr failure;
-  try {
-    Matrix found = ask();
+  communicator().answer_together("a law or a body has no answer at an iterate", [&] {
+    const Matrix found = ask();
     own.leftCols(found.cols()) = found;
-  } catch (...) {
-    failure = std::current_exception();
-  }
-  if (!communicator().none_failed(failure)) {
-    throw NumericalError("a law or a body has no answer at an iterate");
-  }
+  });
   return own;
 }
 

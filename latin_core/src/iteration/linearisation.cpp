@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/numbers.hpp"
 #include "latin/substructure/coupled.hpp"
 #include "latin/substructure/interface_system.hpp"
 
@@ -28,6 +28,8 @@ constexpr Index rounding_samples = 3;
 /// What was measured of one state and is said of others, too, in terms of itself.
 constexpr double measured_again = 2.0;
 
+constexpr const char* no_answer = "the linearised structure has no answer";
+
 /// The slopes of the laws of all ranks in every column of a state, (unknowns, most components) each; of a chaos,
 /// those of the mean stand for all modes of a step. Collective.
 /// @throws NumericalError on all ranks if a law has no answer there
@@ -36,20 +38,11 @@ std::vector<Matrix> slopes_at(const substructure::Laws& laws, const State& state
   const Index own = laws.modes() > 1 ? laws.steps() : state.data.cols();
   const substructure::InterfaceSystem system(laws);
   const Matrix jumps = system.free_jumps(state.data.leftCols(own), state.traces.leftCols(own));
+  const Communicator& communicator = laws.structure().communicator();
   std::vector<Matrix> slopes;
-  std::exception_ptr failure;
-  try {
-    slopes = system.slopes_of_all(jumps, system.direct());
-  } catch (...) {
-    if (laws.structure().communicator().alone()) {
-      throw;
-    }
-    failure = std::current_exception();
-  }
-  if (!laws.structure().communicator().none_failed(failure)) {
-    throw NumericalError("a law has no answer at an iterate");
-  }
-  if (laws.structure().communicator().alone()) {
+  communicator.answer_together("a law has no answer at an iterate",
+                               [&] { slopes = system.slopes_of_all(jumps, system.direct()); });
+  if (communicator.alone()) {
     return slopes;
   }
   // in one message
@@ -81,15 +74,15 @@ void transpose(std::vector<Matrix>& slopes, const substructure::Joined& joined) 
 /// Whether slopes are the same to rounding of differences.
 bool alike(const Matrix& a, const Matrix& b) {
   constexpr double same = 1e-6;
-  return a.size() == b.size() &&
-         (a - b).cwiseAbs().maxCoeff() <= same * std::max(a.cwiseAbs().maxCoeff(), 1e-300);
+  return a.size() == b.size() && (a - b).cwiseAbs().maxCoeff<keep_nan>() <=
+                                     same * std::max(a.cwiseAbs().maxCoeff(), 1e-300);
 }
 
 /// The factor between two stiffnesses, given as s / (1 + s) each.
 double contrast(double a, double b) {
   const double one = std::abs(a) / std::max(1.0 - std::abs(a), no_slope) + no_slope;
   const double two = std::abs(b) / std::max(1.0 - std::abs(b), no_slope) + no_slope;
-  return std::max(one / two, two / one);
+  return larger(one / two, two / one);
 }
 
 /// Sizes with any fixed signs without a pattern, of which there are as many as one likes.
@@ -128,20 +121,11 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws,
 /// Every rank factorises the same matrices: they agree that all could.
 void Linearisation::factorise(const std::vector<Matrix>& slopes, double hold,
                               const Communicator& communicator) {
-  std::exception_ptr failure;
-  try {
+  communicator.answer_together("the structure is not stable with the tangents of its laws", [&] {
     for (std::size_t i = 0; i < slopes.size(); ++i) {
       tangents_[i]->factorise(slopes[i], hold);
     }
-  } catch (...) {
-    if (communicator.alone()) {
-      throw;
-    }
-    failure = std::current_exception();
-  }
-  if (!communicator.none_failed(failure)) {
-    throw NumericalError("the structure is not stable with the tangents of its laws");
-  }
+  });
 }
 
 void Linearisation::take_transposed(const substructure::Laws& laws, const State& state) {
@@ -165,6 +149,7 @@ void Linearisation::take_column(const substructure::Laws& laws, const State& sta
 
 void Linearisation::know_structure(const substructure::Laws& laws) {
   if (tangents_.empty()) {
+    structure_ = laws.shared_structure();
     tangents_.push_back(std::make_shared<Tangent>(
         laws.structure(), std::make_shared<const substructure::Joined>(laws)));
   }
@@ -211,10 +196,11 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
       // the stiffness of a point in its own direction
       const Index component = any.component(row);
       const double c = any.flexibility()(row);
-      largest = std::max(largest, contrast(c * now(row, component), c * here(row, component)));
+      largest = larger(largest, contrast(c * now(row, component), c * here(row, component)));
     }
     found.push_back(largest);
   }
+  laws.structure().communicator().follow_first(found);  // ranks decide by it
   return found;
 }
 
@@ -242,10 +228,10 @@ Matrix Linearisation::measured(const substructure::Laws& laws, const State& stat
   }
   Matrix own = Matrix::Zero(active, state.data.cols() + 1);  // the last column: whether it is known
   Index first = 0;
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
+  const auto measure = [&](std::size_t b) {
     const substructure::Body& body = bodies[b];
     if (body.rows() == 0) {
-      continue;
+      return;
     }
     if (body.measurable() && laws.scaled(b) == nullptr && laws.field(b) == nullptr) {
       auto rows = own.middleRows(first, body.active());
@@ -255,7 +241,12 @@ Matrix Linearisation::measured(const substructure::Laws& laws, const State& stat
       rows.rightCols(1).setOnes();
     }
     first += body.active();
-  }
+  };
+  structure.communicator().answer_together(no_answer, [&] {
+    for (std::size_t b = 0; b < bodies.size(); ++b) {
+      measure(b);
+    }
+  });
   return tangents_.front()->joined().of_active(own);
 }
 
@@ -285,7 +276,9 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
     }
     forces += tangent.nodal(data);
     Matrix moved(data.rows(), data.cols());
-    const Matrix answer = tangent.respond(forces, data, moved);
+    Matrix answer;
+    structure.communicator().answer_together(
+        no_answer, [&] { answer = tangent.respond(forces, data, moved); });
     for (Index b = 0; b < sizes.strain.cols(); ++b) {
       const auto at = static_cast<std::size_t>(b);
       for (Index column = 0; column < forces.cols(); ++column) {
@@ -295,8 +288,8 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
             moved.col(column).segment(structure.body_rows()[at], structure.bodies()[at].rows()));
       }
     }
-    sizes.strain = sizes.strain.cwiseMax(one.strain);
-    sizes.trace = sizes.trace.cwiseMax(one.trace);
+    sizes.strain = larger(sizes.strain, one.strain);
+    sizes.trace = larger(sizes.trace, one.trace);
   }
   if (const substructure::PatternTimes* in_time = laws.in_time()) {
     return in_time->bounds(sizes, groups.kinds());
@@ -316,16 +309,16 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
     const auto rows = Eigen::seq(first[b], first[b + 1] - 1);
     const Eigen::RowVectorXd sizes = forces(rows, every).colwise().norm();
     const Eigen::RowVectorXd missing = left(rows, every).colwise().norm();
-    const double least = quiet_column * (sizes.size() > 0 ? sizes.maxCoeff() : 0.0);
+    const double least = quiet_column * largest_of(sizes, 0.0);
     for (Index column = 0; column < sizes.size(); ++column) {
-      const double size = std::max(sizes(column), least);
+      const double size = larger(sizes(column), least);
       const double of_terms = data.col(column)(rows).norm();
-      if (size > 0.0 && missing(column) > rounding * of_terms) {
-        largest = std::max(largest, missing(column) / size);
+      if (size != 0.0 && !(missing(column) <= rounding * of_terms)) {
+        largest = larger(largest, missing(column) / size);
       }
     }
   }
-  return largest;
+  return structure.communicator().agreed(largest);
 }
 
 void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
@@ -336,7 +329,7 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
   }
   const auto own = of_column_.size();
   const Matrix half = tangents_.front()->joined().of_rows(0.5 * residual);
-  for (std::size_t i = 0; i < tangents_.size(); ++i) {
+  const auto correct_columns_of = [&](std::size_t i) {
     std::vector<Index> columns;
     for (Index column = 0; column < residual.cols(); ++column) {
       if (of_column_[static_cast<std::size_t>(column) % own] == i) {
@@ -349,7 +342,12 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
     tangents_[i]->correct_all(half(every, columns), block, change);
     residual(every, columns) = block;
     moved(every, columns) = change;
-  }
+  };
+  structure_->communicator().answer_together(no_answer, [&] {
+    for (std::size_t i = 0; i < tangents_.size(); ++i) {
+      correct_columns_of(i);
+    }
+  });
 }
 
 Matrix Linearisation::correct_each(const substructure::Laws& laws, const State& state,

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/numbers.hpp"
 #include "latin/iteration/error_estimate.hpp"
 
 namespace latin::iteration {
@@ -542,7 +543,7 @@ double Multipliers::change(const Vector& step, const std::vector<bool>& apart) c
     const auto rows = rows_of(b);
     const double size = std::max(now(rows).norm(), std::numeric_limits<double>::epsilon() * reach);
     const double moved = moves(rows).norm();
-    worst = std::max(worst, size > 0.0 ? moved / size : moved);
+    worst = larger(worst, size > 0.0 ? moved / size : moved);
   }
   return system_.follow_first(worst);
 }

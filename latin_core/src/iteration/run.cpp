@@ -6,6 +6,8 @@
 #include <optional>
 #include <utility>
 
+#include "latin/common/numbers.hpp"
+
 namespace latin::iteration {
 namespace {
 
@@ -98,8 +100,9 @@ void Run::start_from(const std::vector<const State*>& snapshots) {
 
 Summary Run::run(bool traces_known) {
   if (structure_.total_rows() == 0) {
-    summary_.status = Status::converged;
     summary_.energy = stages_.strain(state_);
+    summary_.status = Status::converged;
+    refuse_none();
     return summary_;
   }
   begin(traces_known);
@@ -325,8 +328,8 @@ Measured Run::verify(Measured measured, bool believed) {
     // tangents of bodies whose stiffness varies are those of the means, and may lead nowhere
     if (believed && (goes_on || !stages_.laws().scales_anywhere())) {
       const Matrix& away = verification_->distance();
-      errors_ = away.size() > 0 ? errors_.cwiseMax(away) : errors_;
-      summary_.error = std::max(error_.largest(errors_), 2.0 * options_.rtol);
+      errors_ = away.size() > 0 ? larger(errors_, away) : errors_;
+      summary_.error = larger(error_.largest(errors_), 2.0 * options_.rtol);
     }
     return measured;
   }
@@ -342,9 +345,9 @@ Measured Run::verify(Measured measured, bool believed) {
   residual_ = verification_->better_residual();
   errors_ = found->errors_better;
   if (stages_.laws().steps() > 1 && stages_.laws().modes() == 1 &&
-      found->imbalance_better > Verification::bearable_imbalance * options_.rtol) {
+      !(found->imbalance_better <= Verification::bearable_imbalance * options_.rtol)) {
     // a step in which a part has flown off is near to itself, whatever its forces are
-    errors_ = errors_.cwiseMax(found->imbalance_better / Verification::bearable_imbalance);
+    errors_ = larger(errors_, found->imbalance_better / Verification::bearable_imbalance);
   }
   summary_.error = error_.largest(errors_);
   history_.clear();
@@ -432,6 +435,15 @@ bool Run::follow(const Measured& measured) {
   return true;
 }
 
+/// An answer with a number that is none has diverged, whatever was estimated. Collective.
+void Run::refuse_none() {
+  if (!structure_.communicator().everywhere(state_.data.allFinite() && state_.traces.allFinite() &&
+                                            std::isfinite(summary_.energy))) {
+    summary_.status = Status::diverged;
+    summary_.error = unknown_error;
+  }
+}
+
 void Run::finish(Status status) {
   stages_.agree();
   if (!stages_.exact()) {
@@ -443,11 +455,12 @@ void Run::finish(Status status) {
   add_rounding_of_bodies();
   if (!stages_.laws().linear_everywhere() && !options_.stop_on_indicator) {
     // steps that end far below the tolerance do not say how far
-    summary_.errors = summary_.errors.cwiseMax(Verification::resolution(options_.rtol));
+    summary_.errors = larger(summary_.errors, Verification::resolution(options_.rtol));
   }
-  summary_.error = std::max(summary_.error, error_.largest(summary_.errors));
+  summary_.error = larger(summary_.error, error_.largest(summary_.errors));
   const bool is_rounding = was_small && summary_.error > bearable;
   summary_.status = status == Status::converged && is_rounding ? Status::inexact : status;
+  refuse_none();
   summary_.iterations = iterations();
   summary_.restarts = safeguard_.restarts();
   summary_.global_s = stages_.global_seconds();
@@ -469,12 +482,12 @@ void Run::add_rounding_of_bodies() {
     auto errors = summary_.errors.col(static_cast<Index>(b));
     const substructure::FieldColumns* field = stages_.laws().field(b);
     if (field != nullptr && field->chaos != nullptr) {
-      errors = errors.cwiseMax(accuracy_of_fields());
+      errors = larger(errors, accuracy_of_fields());
     }
     if (measurable(b)) {
       measures = true;
     } else {
-      errors = errors.cwiseMax(std::min(bodies[b].rounding(), options_.rtol));
+      errors = larger(errors, std::min(bodies[b].rounding(), options_.rtol));
     }
   }
   if (structure_.communicator().everywhere(!measures)) {
@@ -482,17 +495,23 @@ void Run::add_rounding_of_bodies() {
   }
   const Whole whole = stages_.whole(state_);
   const Vector strains = whole.yardstick.rounding_of_strains(whole.sizes);
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
+  const auto measure = [&](std::size_t b) {
     auto errors = summary_.errors.col(static_cast<Index>(b));
-    const double expected = std::max(bodies[b].rounding(), strains(static_cast<Index>(b)));
-    if (!measurable(b) || expected <= errors.maxCoeff()) {
-      continue;
+    const double expected = larger(bodies[b].rounding(), strains(static_cast<Index>(b)));
+    if (!measurable(b) || expected <= errors.maxCoeff<keep_nan>()) {
+      return;
     }
     const Vector found = stages_.rounding_of(b, state_, whole);
     // a little more than the tolerance may be as well a little less
-    const bool bearable = found.maxCoeff() <= bearable_rounding * options_.rtol;
-    errors = errors.cwiseMax(bearable ? Vector(found.cwiseMin(options_.rtol)) : found);
-  }
+    const bool bearable = found.maxCoeff<keep_nan>() <= bearable_rounding * options_.rtol;
+    errors = larger(errors, bearable ? Vector(found.cwiseMin(options_.rtol)) : found);
+  };
+  stages_.attempt([&] {
+    for (std::size_t b = 0; b < bodies.size(); ++b) {
+      measure(b);
+    }
+  });
+  stages_.agree();
 }
 
 double Run::elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }

@@ -44,6 +44,9 @@ Summary solve(const substructure::Laws& laws, const Options& options, const Matr
       fit(state);
     }
   });
+  if (known && !known->fits(laws)) {
+    *known = Linearisation();
+  }
   Run run(laws, options, amplitudes, state, snapshots.size(), callback, known);
   if (!snapshots.empty()) {
     if (structure.total_rows() > 0 && laws.scales_anywhere()) {
@@ -52,11 +55,13 @@ Summary solve(const substructure::Laws& laws, const Options& options, const Matr
       moved.reserve(snapshots.size());
       std::vector<const State*> own;
       substructure::GlobalStage global(laws);
-      for (const State* each : snapshots) {
-        moved.push_back(*each);
-        global.apply(moved.back().data, amplitudes, moved.back().traces);
-        own.push_back(&moved.back());
-      }
+      structure.communicator().together([&] {
+        for (const State* each : snapshots) {
+          moved.push_back(*each);
+          global.apply(moved.back().data, amplitudes, moved.back().traces);
+          own.push_back(&moved.back());
+        }
+      });
       run.start_from(own);
     } else if (structure.total_rows() > 0) {
       run.start_from(snapshots);

@@ -120,13 +120,34 @@ void Stages::local(const Matrix& data, const Matrix& traces, Matrix& residual) {
   attempt([&] { local_.apply(data, traces, residual); });
 }
 
-void Stages::refresh(State& state) { global_.apply(state.data, amplitudes_, state.traces); }
+void Stages::refresh(State& state) {
+  attempt([&] { global_.apply(state.data, amplitudes_, state.traces); });
+  agree();
+}
+
+substructure::Sizes Stages::sizes(const State& state) {
+  substructure::Sizes sizes =
+      substructure::Sizes::zero(1, static_cast<Index>(structure().bodies().size()));
+  if (!failed()) {  // what failed before may leave nothing to be measured
+    attempt([&] { sizes = global_.sizes(state.data, state.traces, amplitudes_); });
+  }
+  return sizes;
+}
+
+void Stages::sum_and_agree(Vector& values) const {
+  Vector all(values.size() + 1);
+  all << values, failed() ? 1.0 : 0.0;
+  structure().communicator().sum({all.data(), static_cast<std::size_t>(all.size())});
+  if (all(values.size()) > 0.0) {
+    agree();
+  }
+  values = all.head(values.size());
+}
 
 Whole Stages::whole(const State& state) {
-  Whole whole{global_.sizes(state.data, state.traces, amplitudes_), yardstick_};
+  Whole whole{sizes(state), yardstick_};
   whole.yardstick.reach = whole.yardstick.share_of_reach(whole.sizes);
-  Vector& reach = whole.yardstick.reach;
-  structure().communicator().sum({reach.data(), static_cast<std::size_t>(reach.size())});
+  sum_and_agree(whole.yardstick.reach);
   return whole;
 }
 
@@ -151,13 +172,14 @@ Vector Stages::rounding_of(std::size_t body, const State& state, const Whole& wh
 }
 
 double Stages::strain(const State& state) {
-  return structure().communicator().sum(
-      global_.sizes(state.data, state.traces, amplitudes_).strain.sum());
+  Vector strain = Vector::Constant(1, sizes(state).strain.sum());
+  sum_and_agree(strain);
+  return strain(0);
 }
 
 Measured Stages::measure(Iterate at, Anderson& history, bool& stop) {
   Measured measured;
-  measured.whole = {global_.sizes(at.state.data, at.state.traces, amplitudes_), yardstick_};
+  measured.whole = {sizes(at.state), yardstick_};
   const auto [distance, extent] =
       stage_shares(structure().weights(), structure().directions(), at.state, at.residual);
   const Vector reach = yardstick_.share_of_reach(measured.whole.sizes);

@@ -13,6 +13,7 @@
 #include <string>
 
 #include "latin/common/error.hpp"
+#include "latin/common/numbers.hpp"
 #include "latin/common/threads.hpp"
 #include "latin/iteration/batch.hpp"
 #include "latin/iteration/verification.hpp"
@@ -90,7 +91,7 @@ class Scatter {
   void add(const State& state, const Vector& errors,
            const std::function<substructure::Sizes(const State&)>& sizes) {
     ++count_;
-    errors_ = count_ == 1 ? errors : errors_.cwiseMax(errors);
+    errors_ = count_ == 1 ? errors : larger(errors_, errors);
     if (count_ == 1) {
       mean_ = Matrix::Zero(state.traces.rows(), state.traces.cols());
       squares_ = mean_forces_ = works_ = mean_;
@@ -113,13 +114,14 @@ class Scatter {
   /// The largest of errors of bodies, relative to what each of them scatters by. Collective.
   [[nodiscard]] double relative(const Vector& errors) const {
     const Vector relative = errors.cwiseQuotient(of_bodies());
-    return structure_.communicator().largest(relative.size() > 0 ? relative.maxCoeff() : 0.0);
+    return structure_.communicator().largest(relative.size() > 0 ? relative.maxCoeff<keep_nan>()
+                                                                 : 0.0);
   }
   /// Of all bodies and ranks, the largest errors so far over their largest relative to the scatter. Collective.
   [[nodiscard]] double of_largest_error() const {
     const double relative_error = relative(errors_);
     const double error =
-        structure_.communicator().largest(errors_.size() > 0 ? errors_.maxCoeff() : 0.0);
+        structure_.communicator().largest(errors_.size() > 0 ? errors_.maxCoeff<keep_nan>() : 0.0);
     return relative_error > 0.0 && std::isfinite(relative_error) ? error / relative_error : least();
   }
 
@@ -530,7 +532,11 @@ class Sweep {
   [[nodiscard]] Vector errors_of_bodies(const Summary& summary) const {
     const auto bodies = static_cast<Index>(structure_.bodies().size());
     if (summary.errors.cols() == bodies && summary.errors.rows() > 0) {
-      return summary.errors.colwise().maxCoeff().transpose();
+      Vector largest(summary.errors.cols());
+      for (Index body = 0; body < largest.size(); ++body) {
+        largest(body) = largest_of(summary.errors.col(body), 0.0);
+      }
+      return largest;
     }
     return Vector::Constant(bodies, summary.error);
   }
@@ -752,26 +758,29 @@ class Sweep {
 }  // namespace
 
 const Linearisation& Beginning::of(const substructure::Laws& laws, const Matrix& amplitudes) {
-  const bool same = known_ && amplitudes_.rows() == amplitudes.rows() &&
-                    amplitudes_.cols() == amplitudes.cols() && amplitudes_ == amplitudes;
-  if (!same) {
-    const auto made = std::make_shared<Linearisation>();
-    if (known_) {
-      *made = *known_;
-      made->forget_rounding();
-    }
-    Options options;  // of no sweep, for it is the beginning of others, too
-    options.rtol = 1e-10;
-    State state;
-    try {
-      solve(laws, options, amplitudes, state, {}, {}, made);
-    } catch (const NumericalError&) {  // points may be stable where the laws themselves are not
-      *made = Linearisation();
-    }
-    known_ = *made;
-    amplitudes_ = amplitudes;
+  const bool same = laws_ == laws;
+  if (same && amplitudes_.rows() == amplitudes.rows() && amplitudes_.cols() == amplitudes.cols() &&
+      amplitudes_ == amplitudes) {
+    return known_;
   }
-  return *known_;
+  const auto made = std::make_shared<Linearisation>();
+  if (same) {
+    *made = known_;
+    made->forget_rounding();
+  }
+  Options options;  // of no sweep, for it is the beginning of others, too
+  options.rtol = 1e-10;
+  State state;
+  laws_.reset();
+  try {
+    solve(laws, options, amplitudes, state, {}, {}, made);
+  } catch (const NumericalError&) {  // points may be stable where the laws themselves are not
+    *made = Linearisation();
+  }
+  known_ = *made;
+  amplitudes_ = amplitudes;
+  laws_ = laws;
+  return known_;
 }
 
 void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,

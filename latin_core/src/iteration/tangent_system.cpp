@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "latin/common/numbers.hpp"
 #include "latin/common/threads.hpp"
 #include "latin/iteration/krylov.hpp"
 
@@ -82,7 +83,7 @@ Vector TangentSystem::solve(const Matrix& tangent, const Vector& right) {
 
 bool TangentSystem::fits(const Matrix& tangent) const {
   const auto largest = [this](const Matrix& slopes) {
-    return (shift_.asDiagonal() * slopes).cwiseAbs().maxCoeff();
+    return (shift_.asDiagonal() * slopes).cwiseAbs().maxCoeff<keep_nan>();
   };
   return tangent_.size() == tangent.size() &&
          largest(tangent_ - tangent) <= same_tangent * largest(tangent);

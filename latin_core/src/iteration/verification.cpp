@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/numbers.hpp"
 #include "latin/iteration/multipliers.hpp"
 #include "latin/substructure/coupled.hpp"
 
@@ -113,7 +114,7 @@ bool Verification::solve_coupled(const State& state, double tolerance, Matrix& s
     const double spread =
         linear_->correct_coupled(local, tolerance, rounds_++, energies_, step, moved_);
     // a later round sees less
-    spread_of_coupled_ = spread > 0.0 ? std::max(spread_of_coupled_, safe_spread * spread) : 0.0;
+    spread_of_coupled_ = spread > 0.0 ? larger(spread_of_coupled_, safe_spread * spread) : 0.0;
     return spread_of_coupled_ > 0.0;
   } catch (const NumericalError&) {
     return false;  // the iteration may know better
@@ -134,9 +135,11 @@ bool Verification::evaluate(State& state, Matrix& residual) {
 }
 
 double Verification::largest(const Matrix& errors) const {
-  const double here = iteration::largest(errors);
-  const Communicator& communicator = stages_.structure().communicator();
-  return communicator.alone() ? here : communicator.largest(here);
+  return stages_.structure().communicator().largest(iteration::largest(errors));
+}
+
+double Verification::agreed(double value) const {
+  return stages_.structure().communicator().agreed(value);
 }
 
 bool Verification::everywhere(bool holds) const {
@@ -216,13 +219,13 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
     }
     ahead += next;
   }
-  ahead = ahead.cwiseMax(whole.relative_with_noise(difference));
+  ahead = larger(ahead, whole.relative_with_noise(difference));
   if (!(spread * largest(ahead) <= rtol)) {
     rounding_decides_ = true;  // or an error in its shadow, which a step will mend
     return std::nullopt;
   }
   const double imbalance = linear_->imbalance(laws, state, residual);
-  if (imbalance > bearable_imbalance * rtol) {
+  if (!(imbalance <= bearable_imbalance * rtol)) {
     return std::nullopt;
   }
   const Matrix least_error = linear_->rounding(laws, state, stages_.amplitudes(), whole);
@@ -230,7 +233,7 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
     rounding_decides_ = true;
     return std::nullopt;
   }
-  const Matrix errors = (std::sqrt(spread) * ahead).cwiseMax(least_error);
+  const Matrix errors = larger((std::sqrt(spread) * ahead), least_error);
   return Found{errors, errors, imbalance, imbalance, false};
 }
 
@@ -259,7 +262,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       stages_.laws().linear_everywhere() ? linear_contraction : contraction;
   bool borrowed = linear_->made() && !coupled(stages_.laws());
   if (borrowed) {
-    spread = std::ranges::max(linear_->contrasts(stages_.laws(), state));
+    spread = largest_of(linear_->contrasts(stages_.laws(), state), 1.0);
     borrowed = spread <= Linearisation::near_factor;
   }
   if (auto found = at_once(state, residual, at_start, rtol, spread)) {
@@ -279,10 +282,10 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       return std::nullopt;  // not stable: its error is anything
     }
     // forces that the meshes do not determine may keep a residual
-    const double norm = linear_->nodal(residual_).norm();
+    const double norm = agreed(linear_->nodal(residual_).norm());
     if (count == 0) {
       first_norm = norm;
-      noise = within_rounding * rounding_share * linear_->nodal(state.data).norm();
+      noise = agreed(within_rounding * rounding_share * linear_->nodal(state.data).norm());
     }
     if (norm <= noise) {
       // what is left of light parts is no combination of what is rounding of heavy ones
@@ -304,13 +307,13 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     Matrix ahead = whole.relative(difference);
     // an error next to rounding of others is mended by a step, or rounding itself
     const Matrix with_noise = whole.relative_with_noise(difference);
-    const Matrix hidden = (with_noise.array() > ahead.array()).select(with_noise, 0.0);
+    const Matrix hidden = (with_noise.array() <= ahead.array()).select(0.0, with_noise);
     if (history_.size() > 0) {
       // a combination of steps may go nowhere although the residual is not small
       Matrix plain = residual_;
       Matrix moved_plainly;
       linear_->correct(plain, moved_plainly);
-      ahead = ahead.cwiseMax(whole.relative(gauge_.of_difference(plain, moved_plainly)));
+      ahead = larger(ahead, whole.relative(gauge_.of_difference(plain, moved_plainly)));
     }
     if (count > 0) {
       distance_ = whole.relative(gauge_.of_distance(better_, state));
@@ -320,9 +323,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                               .cwiseMin(1.0 - 1.0 / most_left_over);
       Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       if (count == first_of_rounding) {
-        least_known = (within_rounding *
-                       linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole))
-                          .cwiseMax(least);
+        least_known = larger((within_rounding * linear_->rounding(stages_.laws(), better_,
+                                                                  stages_.amplitudes(), whole)),
+                             least);
       }
       if (count >= first_of_rounding) {
         // steps that do not become shorter, but are rounding, leave what they are
@@ -361,19 +364,19 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         ahead *= longer;
         distance_ = whole.relative_with_noise(gauge_.of_distance(better_, state));
         // a little more than the tolerance may be as well a little less: it is a bound
-        Matrix least_error = linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)
-                                 .cwiseMax(hidden);
+        Matrix least_error =
+            larger(linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole), hidden);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
         }
-        Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
+        Found found{larger((distance_ + ahead), least_error), larger(rest, least_error),
                     linear_->imbalance(stages_.laws(), state, residual), imbalance_of_better(),
                     rounding && everywhere((rest.array() <= least_error.array().max(rtol)).all())};
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
-          const Matrix seen = (whole.relative_with_noise(gauge_.of_distance(better_, from)) + ahead)
-                                  .cwiseMax(least_error);
+          const Matrix seen = larger(
+              (whole.relative_with_noise(gauge_.of_distance(better_, from)) + ahead), least_error);
           if (largest(seen) <= rtol && linear_->imbalance(stages_.laws(), from, residual_before) <=
                                            bearable_imbalance * rtol) {
             found.errors_better = seen;
@@ -509,8 +512,8 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
     linear_->take(stages_.laws(), better_);
     const Whole whole = stages_.whole(better_);
     const Matrix placed = 1.0 - multipliers.placeless().array();
-    left = carried(whole.relative(gauge_.of_distance(better_, multipliers.before_last())))
-               .cwiseMax(linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole))
+    left = larger(carried(whole.relative(gauge_.of_distance(better_, multipliers.before_last()))),
+                  linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole))
                .cwiseProduct(placed);
   } catch (const NumericalError&) {
     return false;

@@ -3,17 +3,13 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
-#include <exception>
-#include <functional>
 #include <iterator>
-#include <mutex>
 #include <numbers>
-#include <thread>
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 #include "latin/mortar/box_tree.hpp"
 
 namespace latin::mortar {
@@ -28,6 +24,11 @@ constexpr double no_area = 1e-15;
 constexpr double straight_sides = 1e-12;
 /// Normals that differ by less are the same.
 constexpr double coplanar = 1e-12;
+
+/// Blocks of facets that threads share: more than cores, so that none of these waits long for the last one.
+constexpr Index most_blocks = 64;
+/// About how many numbers a facet takes, as in_lanes() counts: some intersections of some points and products each.
+constexpr double numbers_of_facet = 5e3;
 
 /// The plane of a piece: its middle, and axes within it.
 struct Plane {
@@ -662,36 +663,6 @@ void move_behind(std::vector<T>& all, std::vector<T>& more) {
   more = {};
 }
 
-/// Do something with each of so many numbers, on some threads; the first error is thrown.
-void on_threads(Index count, int threads, const std::function<void(Index)>& act) {
-  std::atomic<Index> next = 0;
-  std::mutex lock;
-  std::exception_ptr error;
-  const auto work = [&] {
-    for (Index k = next++; k < count; k = next++) {
-      try {
-        act(k);
-      } catch (...) {
-        const std::scoped_lock held(lock);
-        error = std::current_exception();
-        return;
-      }
-    }
-  };
-  std::vector<std::thread> others;
-  others.reserve(static_cast<std::size_t>(threads));
-  for (int t = 1; t < threads; ++t) {
-    others.emplace_back(work);
-  }
-  work();
-  for (std::thread& other : others) {
-    other.join();
-  }
-  if (error) {
-    std::rethrow_exception(error);
-  }
-}
-
 void check(const Face& first, const Face& second, const Functions& multipliers, const Rule& rule,
            const Nearness& near) {
   if (first.flat() != second.flat()) {
@@ -716,7 +687,7 @@ void check(const Face& first, const Face& second, const Functions& multipliers, 
 }  // namespace
 
 Overlap integrate(const Face& first, const Face& second, const Functions& multipliers,
-                  const Rule& rule, const Nearness& near, int threads) {
+                  const Rule& rule, const Nearness& near) {
   check(first, second, multipliers, rule, near);
   std::vector<Box> boxes;
   boxes.reserve(second.pieces().size());
@@ -743,11 +714,13 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
   out.normal = sized(chi * 3);
   out.offset = sized(chi * 3);
 
-  // facets in blocks, whose pairs are put behind each other: the number of threads does not matter
-  const Index blocks = threads > 1 ? std::min(Index{8} * threads, first.facets()) : 1;
+  // facets in blocks, whose pairs are put behind each other
+  const auto blocks = std::min(most_blocks, first.facets());
   std::vector<Found> parts(static_cast<std::size_t>(blocks));
-  on_threads(blocks, threads, [&](Index block) {
-    Found& here = parts[block];
+  const double numbers = static_cast<double>(first.facets()) * numbers_of_facet;
+  in_lanes(parts.size(), numbers, [&](std::size_t number) {
+    Found& here = parts[number];
+    const auto block = static_cast<Index>(number);
     Integrator integrator(first, second, multipliers, rule, plane_face);
     std::vector<Index> found;
     Polygon window;

@@ -17,6 +17,7 @@
 #include "latin/algebra/trailing.hpp"
 #include "latin/algebra/triangle.hpp"
 #include "latin/common/error.hpp"
+#include "latin/common/numbers.hpp"
 
 namespace latin::substructure {
 namespace {
@@ -67,6 +68,7 @@ SparseRows stack_rows(const std::vector<SparseRows>& blocks, Index cols) {
     }
     rows += block.rows();
   }
+  count_of_entries(static_cast<Index>(entries.size()), "the traces of a body");
   SparseRows result(rows, cols);
   result.setFromTriplets(entries.begin(), entries.end());
   return result;
@@ -120,6 +122,8 @@ class LowerSum {
           }
         }
       }
+      count_of_entries(lower.nonZeros() + static_cast<Index>(touched.size()),
+                       "the stiffness of a body");
       lower.startVec(row);
       for (const int column : touched) {
         const double value = sum[static_cast<std::size_t>(column)];
@@ -524,6 +528,7 @@ const Body::Spread& Body::spread() const {
         all.emplace_back(static_cast<int>(row), static_cast<int>(it.col()), it.value());
       }
     }
+    count_of_entries(static_cast<Index>(all.size()), "the field of body '" + name_ + "'");
     spread.lower.resize(size_, size_);
     spread.lower.setFromTriplets(all.begin(), all.end());
     for (std::size_t s = 0; s < stretches_.size(); ++s) {
@@ -538,6 +543,7 @@ const Body::Spread& Body::spread() const {
           found.emplace_back(static_cast<int>(at), static_cast<int>(point), entry.value());
         }
       }
+      count_of_entries(static_cast<Index>(found.size()), "the field of body '" + name_ + "'");
       spread.slopes.emplace_back(spread.lower.nonZeros(), stretches_[s].points);
       spread.slopes.back().setFromTriplets(found.begin(), found.end());
     }
@@ -567,6 +573,7 @@ std::shared_ptr<const Body> Body::with_factors(const std::vector<Vector>& factor
   body->of_jumps_ = of_jumps_;
   body->jump_energy_ = jump_energy_;
   body->offset_traces_ = offset_traces_;
+  body->dense_limit_ = dense_limit_;
   const Spread& spread = this->spread();
   SparseRows lower = spread.lower;
   for (std::size_t s = 0; s < stretches_.size(); ++s) {

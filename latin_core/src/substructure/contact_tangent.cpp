@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "latin/algebra/general_factor.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
@@ -68,8 +69,7 @@ void ContactTangent::factorise(const Matrix& stiffness, const Vector& springs) {
     }
   }
   factor_.compute(whole);
-  if (!factor_.matrixLU().diagonal().allFinite() ||
-      factor_.matrixLU().diagonal().cwiseAbs().minCoeff() == 0.0) {
+  if (!algebra::has_pivots(factor_)) {
     throw NumericalError("the structure is not stable with the tangents of its laws");
   }
 }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "latin/algebra/sparse_product.hpp"
+#include "latin/common/numbers.hpp"
 
 namespace latin::substructure {
 namespace {
@@ -83,7 +84,7 @@ double largest_inverse(const std::vector<Row>& shares, const std::vector<Row>& f
     }
     Eigen::SelfAdjointEigenSolver<Matrix> eigen;
     eigen.computeFromTridiagonal(diagonal, beside, Eigen::EigenvaluesOnly);
-    largest = std::max(largest, 1.0 / eigen.eigenvalues()(0));
+    largest = larger(largest, 1.0 / eigen.eigenvalues()(0));
   }
   return largest;
 }
@@ -312,7 +313,7 @@ double Coupled::correct(double tolerance, int round, Vector& energies, MatrixRef
     preconditioned = precondition(left);
     size = products(left, preconditioned);
     of_step = products(answer, load) - products(answer, left);
-    const Vector sum = energies.cwiseMax(of_step);
+    const Vector sum = larger(energies, of_step);
     if ((size.array() <= small_enough(groups_, sum, tolerance).array()).all()) {
       break;
     }
@@ -326,7 +327,7 @@ double Coupled::correct(double tolerance, int round, Vector& energies, MatrixRef
   if (!answer.active.allFinite()) {
     return 0.0;
   }
-  energies = energies.cwiseMax(of_step);
+  energies = larger(energies, of_step);
   for (std::size_t i = 0; i < inside_.size(); ++i) {
     inside_[i].field->advance(answer.inside[i]);
   }

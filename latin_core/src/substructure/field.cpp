@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "latin/algebra/sparse_product.hpp"
@@ -102,6 +103,10 @@ void FieldBody::iterate(Matrix& left, Work& work, double accuracy) const {
   const double square = accuracy * accuracy;
   constexpr double step_of_least_size = 1e-12;
   for (int step = 0; step < most_steps; ++step) {
+    if (!size.allFinite()) {  // that of data which are none: the iteration says so
+      found.setConstant(std::numeric_limits<double>::quiet_NaN());
+      return;
+    }
     Vector wanted = square * products(found, work.of_means, modes());
     wanted = wanted.cwiseMax(step_of_least_size * wanted.maxCoeff()).cwiseMax(enough);
     if ((size.array() <= wanted.array()).all() || !(size.maxCoeff() > 0.0)) {

@@ -4,7 +4,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <functional>
 #include <mutex>
 
@@ -31,19 +30,10 @@ constexpr int subspace_steps = 3;
 
 Flexibility::Flexibility(const Structure& structure)
     : structure_(structure), joined_(std::make_shared<const Joined>(Joined::numbered(structure))) {
-  number();
-  std::exception_ptr failure;
-  try {
+  structure.communicator().answer_together("the flexibility of a body cannot be factorised", [&] {
+    number();  // which takes the most memory
     add_bodies();
-  } catch (...) {
-    if (structure.communicator().alone()) {
-      throw;
-    }
-    failure = std::current_exception();
-  }
-  if (!structure.communicator().none_failed(failure)) {
-    throw NumericalError("the flexibility of a body cannot be factorised");
-  }
+  });
   gather();
   find_own();
   matrix_.diagonal() += direct_;

@@ -158,7 +158,10 @@ void Joined::exchange() {
       row = row < 0 ? away[spoken_for_[n]] : row + first_row_;
     }
   }
-  unpack(communicator.gather(packed()));
+  std::vector<double> mine;
+  communicator.together([&] { mine = packed(); });
+  const std::vector<std::vector<double>> of_all = communicator.gather(mine);
+  communicator.together([&] { unpack(of_all); });
 }
 
 std::vector<double> Joined::packed() const {

@@ -45,6 +45,9 @@ PairSide::PairSide(const Body& of, Index row_in_body, const Vector& weights)
     return;
   }
   const Eigen::LLT<Matrix> compliance(of.inverse_block(touched));
+  if (compliance.info() != Eigen::Success) {
+    throw NumericalError("body '" + body + "': its flexibility at a face is not definite");
+  }
   held = (1.0 + mu) * algebra::inverse_of_factored(compliance.matrixLLT());
   const Vector springs = weights.cwiseProduct(direction);
   held -= Matrix(SparseRows(trace.transpose() * (springs.asDiagonal() * trace)));

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "latin/common/numbers.hpp"
+
 namespace latin::substructure {
 namespace {
 
@@ -110,6 +112,12 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);
+      if (!(whole.strain(history, b).allFinite() && whole.trace(history, b).allFinite() &&
+            whole.work(history, b).allFinite() && whole.pressed(history, b).allFinite() &&
+            std::isfinite(farthest))) {
+        result(g, b) = std::numeric_limits<double>::quiet_NaN();  // nothing is relative to that
+        continue;
+      }
       const double strain_noise =
           square(rounding) * std::max({far * stiffness(b), whole.strain(history, b).maxCoeff(),
                                        whole.work(history, b).maxCoeff()});
@@ -169,8 +177,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       const double of_trace = error.trace(g, b) <= trace_none ? 0.0 : error.trace(g, b) / moved;
       const double of_strain =
           !strained || error.strain(g, b) <= strain_none ? 0.0 : error.strain(g, b) / strain;
-      const bool by_trace = of_trace >= of_strain || std::isnan(of_trace);
-      result(g, b) = std::sqrt(by_trace ? of_trace : of_strain);
+      result(g, b) = std::sqrt(larger(of_trace, of_strain));
     }
   }
   return result;

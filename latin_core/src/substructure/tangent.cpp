@@ -9,6 +9,7 @@
 #include "latin/algebra/inverse.hpp"
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
+#include "latin/common/numbers.hpp"
 
 namespace latin::substructure {
 namespace {
@@ -47,6 +48,8 @@ constexpr double affordable = 0.1;
 constexpr double bearable_alone = 2e11;
 constexpr double bearable_beside = 3.0;
 
+constexpr const char* not_stable = "the structure is not stable with the tangents of its laws";
+
 /// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
 /// @param rigid what slopes are reduced by
 Matrix tangent_of(const Matrix& slope, const Vector& flexibility, double rigid) {
@@ -62,11 +65,12 @@ Matrix tangent_of(const Matrix& slope, const Vector& flexibility, double rigid) 
 /// Whether a tangent is that of springs.
 bool of_springs(const Matrix& tangent) {
   return tangent.diagonal().minCoeff() >= 0.0 &&
-         (tangent - tangent.transpose()).cwiseAbs().maxCoeff() <=
+         (tangent - tangent.transpose()).cwiseAbs().maxCoeff<keep_nan>() <=
              same_slope * tangent.cwiseAbs().maxCoeff();
 }
 
 SparseRows from(const Triplets& entries, Index rows, Index columns) {
+  count_of_entries(static_cast<Index>(entries.size()), "the linearised structure");
   SparseRows matrix(rows, columns);
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
@@ -251,6 +255,7 @@ SparseColumns Tangent::assemble() const {
     }
     first += each.rows();
   }
+  count_of_entries(static_cast<Index>(entries.size()), "the linearised structure");
   SparseColumns matrix(active_, active_);
   matrix.setFromTriplets(entries.begin(), entries.end());
   const SparseColumns joined = joined_springs();
@@ -277,16 +282,19 @@ Matrix Tangent::assemble_dense() const {
   return matrix;
 }
 
+/// What factorise_sparse() refuses is refused here: the answer must not depend on how much of the matrix is filled.
 void Tangent::factorise_dense() {
   const Matrix matrix = assemble_dense();
-  if (!symmetric_) {
-    lu_.compute(matrix);
-    return;
+  if (symmetric_) {
+    cholesky_.compute(matrix);
+    symmetric_ = algebra::is_definite(cholesky_, matrix.diagonal());
+    if (symmetric_) {
+      return;
+    }  // not definite, yet there may be an answer
   }
-  cholesky_.compute(matrix);
-  if (cholesky_.info() != Eigen::Success) {
-    symmetric_ = false;  // not definite, yet there may be an answer
-    lu_.compute(matrix);
+  lu_.compute(matrix);
+  if (!algebra::has_pivots(lu_)) {
+    throw NumericalError(not_stable);
   }
 }
 
@@ -305,7 +313,7 @@ void Tangent::factorise_sparse() {
   try {
     general_ = std::make_unique<algebra::GeneralFactor>(assemble());
   } catch (const NumericalError&) {
-    throw NumericalError("the structure is not stable with the tangents of its laws");
+    throw NumericalError(not_stable);
   }
 }
 
@@ -331,7 +339,7 @@ Matrix Tangent::solve(const Matrix& load) {
 
 void Tangent::factorise(const Matrix& slopes, double hold) {
   if (hold == hold_ && slopes_.size() == slopes.size() &&
-      ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <=
+      ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff<keep_nan>() <=
           same_slope) {
     return;
   }
@@ -428,7 +436,9 @@ void Tangent::correct(MatrixRef residual, MatrixRef moved) {
     residual += added;
     return;
   }
-  correct_all(joined_->of_rows(0.5 * residual), residual, moved);
+  const Matrix half = joined_->of_rows(0.5 * residual);
+  structure_.communicator().answer_together("the linearised structure has no answer",
+                                            [&] { correct_all(half, residual, moved); });
 }
 
 void Tangent::correct_all(const Matrix& half, MatrixRef step, MatrixRef moved) {

@@ -1,11 +1,16 @@
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <memory>
 #include <string>
 
 #include "latin/common/types.hpp"
 
 namespace latin::algebra {
+
+/// A pivot of a Cholesky factor below this fraction of its diagonal entry is rounding: an answer would have three digits
+/// at most.
+inline constexpr double least_relative_pivot = 1e-13;
 
 /// Which library factorises. `automatic` is CHOLMOD where it was built in, else MUMPS through PETSc. CHOLMOD goes to
 /// indices of 64 bits by itself where those of 32 cannot count the numbers of a factor; `cholmod64` has them at once.
@@ -51,6 +56,15 @@ class Factor {
 /// @throws NumericalError if the matrix is not positive definite (with the pivot's position), or memory runs out
 std::unique_ptr<Factor> factorise(const SparseRows& lower, Index trailing, FactorBackend backend,
                                   const std::string& name);
+
+/// Whether a dense Cholesky factor is that of a definite matrix by the same measure.
+/// @param diagonal of the matrix
+template <class Cholesky>
+[[nodiscard]] bool is_definite(const Cholesky& factor, ConstVectorRef diagonal) {
+  return factor.info() == Eigen::Success &&
+         (factor.matrixLLT().diagonal().array().square() >= least_relative_pivot * diagonal.array())
+             .all();
+}
 
 /// Backends that this build has, the default one first.
 std::string available_backends();

@@ -33,6 +33,9 @@ class PetscLock {
   std::scoped_lock<std::recursive_mutex> lock_;
 };
 
+/// Whether PETSc takes calls: objects may outlive it, such as those of a script that ends.
+[[nodiscard]] bool petsc_is_there();
+
 /// Turns a PETSc error code into a NumericalError that says what was attempted.
 void check(PetscErrorCode code, std::string_view doing);
 
@@ -49,7 +52,7 @@ class Handle {
     return *this;
   }
   ~Handle() {
-    if (object_ != nullptr) {
+    if (object_ != nullptr && petsc_is_there()) {
       const PetscLock lock;
       static_cast<void>(destroy(&object_));  // a destructor must not throw: the code is dropped
     }

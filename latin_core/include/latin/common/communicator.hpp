@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "latin/common/error.hpp"
 #include "latin/common/types.hpp"
 
 namespace latin {
@@ -18,6 +19,15 @@ class RemoteError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+
+/// MPI could not do what was asked of it: nothing is known of what the other ranks have got.
+class MpiError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Every return code of MPI comes through here. @param call the function @throws MpiError
+void check_mpi(int code, const char* call);
 
 /// The ranks that share a problem. A rank alone is the same code with trivial operations.
 ///
@@ -70,8 +80,33 @@ class Communicator {
     }
     agree(failure);
   }
+  /// The same of what may have no answer on some ranks: then it has none on any.
+  /// @throws NumericalError on all ranks then, with the words given; whatever else a rank throws as agree()
+  template <typename Work>
+  void answer_together(const char* none, Work&& work) const {
+    std::exception_ptr failure;
+    try {
+      std::forward<Work>(work)();
+    } catch (...) {
+      if (alone()) {
+        throw;
+      }
+      failure = std::current_exception();
+    }
+    if (!none_failed(failure)) {
+      throw NumericalError(none);
+    }
+  }
+  /// A number that all ranks compute alike and decide by, as the first rank has it: processors round differently.
+  [[nodiscard]] double agreed(double value) const {
+    follow_first({&value, 1});
+    return value;
+  }
 
  private:
+  /// Values that every rank gives.
+  [[nodiscard]] std::vector<long long> lengths_of(std::size_t own) const;
+
   MPI_Comm comm_ = MPI_COMM_NULL;
   int rank_ = 0;
   int size_ = 1;

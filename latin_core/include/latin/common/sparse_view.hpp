@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <utility>
 
 #include "latin/common/types.hpp"
 
@@ -15,14 +16,14 @@ inline SparseView view_of(const SparseRows& matrix) {
           matrix.outerIndexPtr(), matrix.innerIndexPtr(), matrix.valuePtr()};
 }
 
-/// A view that keeps a copy of its matrix.
-inline std::shared_ptr<const SparseView> owning_view(const SparseRows& matrix) {
+/// A view that keeps its matrix.
+inline std::shared_ptr<const SparseView> owning_view(SparseRows matrix) {
   struct Owner {
-    explicit Owner(const SparseRows& copied) : matrix(copied), view(view_of(matrix)) {}
+    explicit Owner(SparseRows&& given) : matrix(std::move(given)), view(view_of(matrix)) {}
     SparseRows matrix;
     SparseView view;
   };
-  const auto owner = std::make_shared<const Owner>(matrix);
+  const auto owner = std::make_shared<const Owner>(std::move(matrix));
   return {owner, &owner->view};
 }
 

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <functional>
 
+#include "latin/common/numbers.hpp"
 #include "latin/common/types.hpp"
 #include "latin/iteration/anderson.hpp"
 #include "latin/iteration/state.hpp"
@@ -47,7 +48,7 @@ struct Whole {
   }
   /// The same with what is next to rounding of the displacements of other bodies.
   [[nodiscard]] Matrix relative_with_noise(const substructure::Sizes& error) const {
-    return relative(error).cwiseMax(yardstick.relative(error, sizes, substructure::Noise::counted));
+    return larger(relative(error), yardstick.relative(error, sizes, substructure::Noise::counted));
   }
 };
 

@@ -30,6 +30,10 @@ class Linearisation {
   [[nodiscard]] bool softened() const {
     return std::ranges::any_of(tangents_, [](const auto& each) { return each->softened(); });
   }
+  /// Whether it is of this structure, or of none yet.
+  [[nodiscard]] bool fits(const substructure::Laws& laws) const {
+    return structure_ == nullptr || structure_ == laws.shared_structure();
+  }
   [[nodiscard]] bool made() const { return !slopes_.empty() && hold_ == least_hold; }
   /// Take the tangents of a state.
   /// @param hold springs on all bodies, relative to the search direction
@@ -96,6 +100,7 @@ class Linearisation {
   void know_structure(const substructure::Laws& laws);
   bool take(const substructure::Laws& laws, Slopes now, double hold);
 
+  std::shared_ptr<const substructure::Structure> structure_;  ///< tangents look at it
   std::vector<std::shared_ptr<substructure::Tangent>>
       tangents_;                ///< of each distinct linearisation
   std::vector<Matrix> slopes_;  ///< of each of these

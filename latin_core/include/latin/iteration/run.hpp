@@ -64,6 +64,7 @@ class Run {
   void propose();
   bool follow(const Measured& measured);
   void finish(Status status);
+  void refuse_none();
   void add_rounding_of_bodies();
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();

@@ -65,7 +65,7 @@ class Stages {
   [[nodiscard]] bool try_evaluate(Iterate at);
   /// Residual of a state.
   void local(const Matrix& data, const Matrix& traces, Matrix& residual);
-  /// Traces in double precision, at the end: not counted.
+  /// Traces in double precision, at the end: not counted. Collective. @throws as agree()
   void refresh(State& state);
   /// Whether the traces are those of the data in double precision: not where they hold changes in single
   /// precision, nor where a caller says what they are. An iterate is only accepted with traces that are.
@@ -94,11 +94,11 @@ class Stages {
   /// this one reduction and that of the error estimate. Collective. @throws as agree()
   /// @param stop whether this rank wants to end the run; afterwards: whether any does
   [[nodiscard]] Measured measure(Iterate at, Anderson& history, bool& stop);
-  /// Sizes of a solution on this rank, and what they are relative to. Collective.
+  /// Sizes of a solution on this rank, and what they are relative to. Collective. @throws as agree()
   [[nodiscard]] Whole whole(const State& state);
   /// What rounding leaves of the displacements of a body, relative to it, (groups).
   [[nodiscard]] Vector rounding_of(std::size_t body, const State& state, const Whole& whole);
-  /// Twice the strain energy of a solution. Collective.
+  /// Twice the strain energy of a solution. Collective. @throws as agree()
   [[nodiscard]] double strain(const State& state);
   /// Newton's method on the same stages; what it needs is made when first asked for. It refers to this object.
   /// @param tolerance on the forces, relative to the largest column of them
@@ -111,6 +111,10 @@ class Stages {
   [[nodiscard]] double local_seconds() const { return local_s_; }
 
  private:
+  /// Sizes of a solution; nothing where that has failed on this rank.
+  substructure::Sizes sizes(const State& state);
+  /// Sum over the ranks, and throw as agree() if something has failed on any of them.
+  void sum_and_agree(Vector& values) const;
   /// @param step of which alone the traces change in single precision; null: in double precision
   void global(Matrix* step, Matrix& data, Matrix& traces);
   void balance(Matrix* step, Matrix& data, Matrix& traces);

@@ -43,13 +43,14 @@ class Beginning {
   [[nodiscard]] std::unique_lock<std::mutex> take() {
     return std::unique_lock(mutex_, std::try_to_lock);
   }
-  /// Of laws that are the same in every call, with what rounding does to their answer; made by the first call, and
-  /// again for other amplitudes. Not made if the structure is not stable with them.
+  /// With what rounding does to the answer; made by the first call, and again for other laws or amplitudes. Not made
+  /// if the structure is not stable with them.
   const Linearisation& of(const substructure::Laws& laws, const Matrix& amplitudes);
 
  private:
   std::mutex mutex_;
-  std::optional<Linearisation> known_;
+  std::optional<substructure::Laws> laws_;  ///< what is known is of these, and of their structure
+  Linearisation known_;
   Matrix amplitudes_;
 };
 

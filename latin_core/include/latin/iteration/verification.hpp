@@ -88,6 +88,7 @@ class Verification {
   bool evaluate(State& state, Matrix& residual);
   /// Of the tables on all ranks, and whether something holds on all.
   [[nodiscard]] double largest(const Matrix& errors) const;
+  [[nodiscard]] double agreed(double value) const;
   [[nodiscard]] bool everywhere(bool holds) const;
   [[nodiscard]] std::optional<Found> at_once(const State& state, const Matrix& residual,
                                              const Whole& whole, double rtol, double spread);

@@ -52,9 +52,9 @@ struct Overlap {
 /// Points of the intersections are put back onto both facets: by its map on side 1, along the plane's normal
 /// on side 2. Exact for plane faces if the rule is.
 /// @param multipliers chi; one set of coefficients, the same for all facets
-/// @param threads do the work; the result does not depend on their number
+/// Several threads share the work as in in_lanes(); the result does not depend on their number.
 /// @throws InputError on shapes that do not fit
 [[nodiscard]] Overlap integrate(const Face& first, const Face& second, const Functions& multipliers,
-                                const Rule& rule, const Nearness& near, int threads = 1);
+                                const Rule& rule, const Nearness& near);
 
 }  // namespace latin::mortar

@@ -76,6 +76,11 @@ class Laws {
   explicit Laws(std::shared_ptr<const Structure> structure);
 
   [[nodiscard]] const Structure& structure() const { return *structure_; }
+  [[nodiscard]] const std::shared_ptr<const Structure>& shared_structure() const {
+    return structure_;
+  }
+  /// Whether both are copies of one value, which share all that they hold.
+  [[nodiscard]] bool operator==(const Laws& other) const = default;
   /// Columns that are the time steps of one history, in order; laws with history follow them. With chaos
   /// modes beside them the time steps run fastest.
   [[nodiscard]] Index steps() const { return steps_; }
