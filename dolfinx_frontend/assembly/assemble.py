@@ -512,7 +512,8 @@ def _centres(scene: Scene, substructures: Mapping[str, Substructure], comm: Any)
             sums[2] = sums.get(2, 0.0) + np.append(part.volume * part.centre, part.volume)
     if comm is not None:
         of_ranks = exchanged(comm, sums)
-        sums = {k: sum(each[k] for each in of_ranks if k in each) for k in set().union(*of_ranks)}
+        known = set().union(*of_ranks)
+        sums = {k: np.sum([each[k] for each in of_ranks if k in each], axis=0) for k in known}
     return tuple(each[:-1] / each[-1] for _, each in sorted(sums.items()))
 
 

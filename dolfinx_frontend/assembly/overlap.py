@@ -244,7 +244,7 @@ def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int
 
 
 def linear_means(facets: FacetMap) -> Array:
-    """(facets, vertices): integrals of the linear functions of the vertices over whole facets, of rings too."""
+    """(facets, vertices): integrals of the functions of the vertices over whole facets, of rings too."""
     chi = hats(shape_of(facets))
     s, w = facets.rule(chi.degree + 2 * (facets.order - 1) + facets.dim - 2 + facets.around)
     values = mortar.monomials(shape_of(facets), chi.degree, s) @ chi.coefficients[0].T

@@ -135,7 +135,8 @@ class _Spring:
     def rounding(self, u: Blocks) -> Array:
         """Size of the rounding errors of these jumps."""
         levers = [(name, np.asarray(abs(trace).sum(axis=1))) for name, trace in self.traces]
-        return ROUNDING * np.sum([lever * np.abs(u[name]).max(axis=0) for name, lever in levers], axis=0)
+        sizes: Array = np.sum([lever * np.abs(u[name]).max(axis=0) for name, lever in levers], axis=0)
+        return ROUNDING * sizes
 
     def push(self, forces: Blocks, force: Array) -> None:
         """Add what a force of the spring does to its parts."""

@@ -667,13 +667,13 @@ def _free_points(parameters: Sequence[SweptParameter], at: Callable[[int], Probl
     found: dict[int, str] = {}
     rows = np.array(zeros).T
     for row in np.unique(rows[rows.any(axis=1)], axis=0):
-        which = np.flatnonzero((rows == row).all(axis=1))
-        now = at(int(which[0]))
+        which = [int(point) for point in np.flatnonzero((rows == row).all(axis=1))]
+        now = at(which[0])
         if now.loosened:
             try:
                 check_held(now)
             except SceneError as failure:
-                found |= dict.fromkeys(which.tolist(), str(failure))
+                found |= dict.fromkeys(which, str(failure))
     return found
 
 
@@ -708,10 +708,11 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
             limits = None if contact is None else contact.limits
             own_limits[name] = (nothing, nothing) if limits is None else limits
     forces, bounds = problem.gather(own_forces), problem.gather(own_limits)
-    loads = []
-    for point in range(count) if at is not None else ():
-        now = _steps(at(point), times)
-        loads.append({k: _loads(now[k][2], each.motions, now[k][1]) for k, each in checks.items()})
+    loads: list[dict[int, tuple[Array, float]]] = []
+    if at is not None:
+        for point in range(count):
+            now = _steps(at(point), times)
+            loads.append({k: _loads(now[k][2], each.motions, now[k][1]) for k, each in checks.items()})
 
     def check(point: int) -> None:
         for k, each in sorted(checks.items()):
