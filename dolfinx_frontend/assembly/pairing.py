@@ -593,6 +593,15 @@ def coincide(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
     return bool(distance.max() <= 1e-6 * size)
 
 
+def _same_facets(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
+    """Whether faces whose nodes coincide have the same facets and functions, too: not other diagonals."""
+    kinds = [(len(f), f.facet_cell, v.element.basix_element.degree) for f, v in zip(faces, spaces, strict=True)]
+    if kinds[0] != kinds[1]:
+        return False
+    distance, _ = cKDTree(faces[1].samples.mean(axis=1)).query(faces[0].samples.mean(axis=1))
+    return bool(distance.max() <= 1e-6 * min(face.sizes.min() for face in faces))
+
+
 def make_interface(
     name: str,
     law: Law,
@@ -660,7 +669,7 @@ def make_interface(
     two = len(faces) == 2
     alike = coincide(faces, spaces)
     why = ""
-    if alike and law.elimination is Elimination.GLUED:
+    if alike and law.elimination is Elimination.GLUED and _same_facets(faces, spaces):
         # glued nodes and means would be two discretisations of one scene
         space, why = "points", "its meshes match: a perfect connection ties node by node"
     elif space == "auto":

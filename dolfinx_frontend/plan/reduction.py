@@ -343,8 +343,11 @@ def check_prescribed(problem: Problem, eliminated: Container[str]) -> None:
     prescribing = {
         name: i
         for name, i in problem.interfaces.items()
-        if i.law.elimination is Elimination.REMOVED
-        or (i.law.elimination is Elimination.GLUED and i.matching is not None)
+        if all(side.substructure in problem.substructures for side in i.sides)
+        and (
+            i.law.elimination is Elimination.REMOVED
+            or (i.law.elimination is Elimination.GLUED and i.matching is not None)
+        )
     }
     if all(name in eliminated for name in prescribing):
         return  # `reduce` sees them all

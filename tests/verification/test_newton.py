@@ -72,7 +72,7 @@ def test_it_begins_at_once_where_it_is_cheap_and_late_where_it_is_not() -> None:
     assert small.cost.memory > make_plan(blocks(4), **times, options=Options(newton=0)).cost.memory
     for asked in (0, 1, 30):
         assert make_plan(blocks(10), **times, options=Options(newton=asked)).options.newton == asked
-    springs = blocks(4).with_laws({"joint": Elastic(normal=1e4)})
+    springs = blocks(4).with_laws({"joint": Elastic(normal=1e4, tangential=1e4)})
     linear = make_plan(springs, active=["joint"], **times)
     assert linear.options.newton == 1 and "Newton" not in str(linear)
 
