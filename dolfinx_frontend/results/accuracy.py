@@ -22,6 +22,7 @@ from dolfinx_frontend.plan.plan import Plan
 __all__ = [
     "INEXACT",
     "NO_EQUILIBRIUM",
+    "STATUSES",
     "Accuracy",
     "Corrected",
     "accuracy_of_run",
@@ -31,6 +32,7 @@ __all__ = [
     "largest_of",
     "place_of",
     "remedy",
+    "unsolved",
 ]
 
 SHOWN = 4
@@ -44,6 +46,12 @@ INEXACT = "inexact"
 
 NO_EQUILIBRIUM = "no_equilibrium"
 """Status of a point of a sweep or sampling at which no forces of its interfaces balance the loads."""
+
+STATUSES = ("converged", INEXACT, "max_iterations", "stagnated", "diverged", NO_EQUILIBRIUM, "interrupted")
+"""How a solution ends, from the best to the worst."""
+
+NUMBERED = 10
+"""Points that a sentence numbers."""
 
 _REMEDIES = {
     "max_iterations": "allow more with Options(max_iterations=...)",
@@ -60,6 +68,19 @@ def remedy(status: str, error: float = float("nan")) -> str:
     if status in ("stagnated", INEXACT) and error < ACCEPTABLE:
         return f"if that is good enough, loosen rtol to {2.0 * error:.0e}"
     return _REMEDIES.get(status, "")
+
+
+def unsolved(statuses: Sequence[str]) -> tuple[str, ...]:
+    """How many points ended otherwise than converged, and which, a sentence for each way."""
+    found = []
+    for status in STATUSES[1:]:
+        which = [k for k, each in enumerate(statuses) if each == status]
+        if which:
+            more = f" and {len(which) - NUMBERED} more" if len(which) > NUMBERED else ""
+            words = "have no equilibrium" if status == NO_EQUILIBRIUM else f"ended as {status}"
+            numbers = ", ".join(map(str, which[:NUMBERED]))
+            found.append(f"{len(which)} of {len(statuses)} points {words} (points {numbers}{more})")
+    return tuple(found)
 
 
 @dataclass(frozen=True)

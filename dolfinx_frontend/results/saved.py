@@ -30,6 +30,7 @@ from dolfinx_frontend.formats.chaos_file import ChaosFile
 from dolfinx_frontend.formats.layout import Group
 from dolfinx_frontend.formats.hdf5 import Tree
 from dolfinx_frontend.formats.meshes import StoredPart
+from dolfinx_frontend.results.accuracy import unsolved
 from dolfinx_frontend.results.answer import AnswerKind, Block, Surface, chunks
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.contents import check_contents
@@ -320,6 +321,11 @@ class SavedResult(Face):
         """What was saved."""
         kind: AnswerKind = self._tree["kind"]
         return kind
+
+    @property
+    def unsolved(self) -> tuple[str, ...]:
+        """How many points of samples and sweeps ended otherwise than converged, and which."""
+        return unsolved(self.statuses) if self.kind in ("samples", "sweep") else ()
 
     @property
     def status(self) -> str:

@@ -19,7 +19,7 @@ from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM, ended, known, largest_of, place_of
+from dolfinx_frontend.results.accuracy import STATUSES, ended, known, largest_of, place_of, unsolved
 from dolfinx_frontend.results.acting import (
     STIFFNESS,
     factors_of,
@@ -38,13 +38,6 @@ from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
-
-STATUSES = ("converged", "inexact", "max_iterations", "stagnated", "diverged", NO_EQUILIBRIUM, "interrupted")
-"""How a solution ends, from the best to the worst."""
-
-SHOWN = 10
-"""Points that a sentence names."""
-
 
 class PointResults(Face):
     """Answers at many points, of which Ctrl-C may have left some out; arrays have the points' shape first."""
@@ -131,16 +124,7 @@ class PointResults(Face):
     @property
     def unsolved(self) -> tuple[str, ...]:
         """How many points ended otherwise than converged, and which, a sentence for each way."""
-        found = []
-        statuses = self.statuses.ravel()
-        for status in STATUSES[1:]:
-            which = np.flatnonzero(statuses == status)
-            if which.size:
-                more = f" and {which.size - SHOWN} more" if which.size > SHOWN else ""
-                words = "have no equilibrium" if status == NO_EQUILIBRIUM else f"ended as {status}"
-                numbers = ", ".join(map(str, which[:SHOWN]))
-                found.append(f"{which.size} of {statuses.size} points {words} (points {numbers}{more})")
-        return tuple(found)
+        return unsolved([str(each) for each in self.statuses.ravel()])
 
     @property
     def without_displacements(self) -> str | None:
