@@ -660,11 +660,11 @@ def make_interface(
     two = len(faces) == 2
     alike = coincide(faces, spaces)
     why = ""
-    if space == "auto":
-        space, why = _choice(pair, alike)
-    elif alike and law.elimination is Elimination.GLUED:
+    if alike and law.elimination is Elimination.GLUED:
         # glued nodes and means would be two discretisations of one scene
         space, why = "points", "its meshes match: a perfect connection ties node by node"
+    elif space == "auto":
+        space, why = _choice(pair, alike)
     carrier = 0
     if two and not alike and space != "points":
         _warn_of_uneven_edges(pair)

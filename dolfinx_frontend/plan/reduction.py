@@ -250,6 +250,7 @@ def _held_classes(
         what.append(np.full(len(local), k))
         rows.append(directions)
         values.append(value - shift[who[-1]] @ directions.T)
+    largest = max((float(np.abs(each).max(initial=0.0)) for each in values), default=0.0)
     node, index = np.concatenate(who), np.concatenate(what)
     place = np.concatenate([np.arange(len(w)) for w in who])
     # entries of a class in the order of interfaces: nodes with the same set form one group
@@ -277,7 +278,7 @@ def _held_classes(
         )
         value = target @ np.linalg.pinv(D, rcond=1e-6).T
         residual = np.abs(value @ D.T - target)
-        if residual.max() > 1e-9 * max(float(np.abs(target).max()), 1e-300):
+        if residual.max() > 1e-9 * largest:
             quoted = " and ".join(sorted({repr(held[k][0].name) for k in used}))
             raise SceneError(
                 f"interfaces {quoted} prescribe different displacements at "
