@@ -1,4 +1,4 @@
-"""The group ``campaign``: drawn scenes, kept as scripts, with what the reference says where they are wrong."""
+"""The group ``campaign``: drawn scenes, kept as scripts, with what the reference says of wrong ones."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 BALANCE = 30.0
-"""Forces and extremes may be so many errors off: they have no norm in common with what is said (campaign.judge)."""
+"""Forces and extremes may be so many errors off: they have no norm in common with what is said."""
 ROUNDING = 1e-12
 """Of the largest number of its kind in the scene: less is nothing (a thousand units of double precision)."""
 SAMPLES = 256
@@ -222,7 +222,7 @@ class _Observer:
         self.series(key, np.asarray(thing, dtype=np.float64).ravel())
 
     def series(self, key: str, values: Array, errors: Array | None = None) -> None:
-        """Numbers in a row: as they are if they are few, else the last, the largest, the norm, an alternating sum."""
+        """Numbers in a row: as they are if they are few, else the last, the largest, norm, alternating sum."""
         size = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
         allowed = np.full(len(values), self.rtol * size) if errors is None else errors
         if len(values) <= (1 if self.few and errors is not None else SHORT):
@@ -441,7 +441,7 @@ class _Observer:
         error = float(errors.max())
         largest = {name: float(np.abs(f).max(initial=0.0)) for name, f in forces.items()}
         neighbours = self.read(f"{key} sides", lambda: _neighbours(result.problem)) or {}
-        interfaces = result.problem.interfaces
+        interfaces = self.read(f"{key} interfaces", lambda: dict(result.problem.interfaces)) or {}
         reach = max(moved.values(), default=0.0)
         for name, force in forces.items():
             if self.few and name in self.given:

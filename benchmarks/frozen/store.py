@@ -1,4 +1,4 @@
-"""The file of the corpus, JSON lines in .xz, one a scene, in the order of names; and the table of differences.
+"""The file of the corpus, JSON lines in .xz, one a scene, in the order of names; the table of differences.
 
 Numbers have as many digits as their error gives sense to, twelve at most.
 """
