@@ -28,14 +28,14 @@ STARTS = 120.0
 
 
 class Worker:
-    """One process of a benchmark that is started with ``--worker``."""
+    """One process of a benchmark that is started with ``--worker``, by this Python or that of another build."""
 
-    def __init__(self, main: Path = MAIN) -> None:
+    def __init__(self, main: Path = MAIN, python: str = sys.executable) -> None:
         self.log = tempfile.TemporaryFile()
         self.read, write = os.pipe()
         environment = {**os.environ, "CAMPAIGN_PIPE": str(write)}
         self.process = subprocess.Popen(
-            [sys.executable, str(main), "--worker"],
+            [python, str(main), "--worker"],
             stdin=subprocess.PIPE,
             stdout=self.log,
             stderr=self.log,
@@ -77,8 +77,8 @@ class Worker:
 class Seat:
     """A place at which one worker after another sits."""
 
-    def __init__(self, limit: float, main: Path = MAIN) -> None:
-        self.limit, self.main = limit, main
+    def __init__(self, limit: float, main: Path = MAIN, python: str = sys.executable) -> None:
+        self.limit, self.main, self.python = limit, main, python
         self.worker: Worker | None = None
 
     def run(self, task: dict[str, Any]) -> dict[str, Any]:
@@ -93,7 +93,7 @@ class Seat:
         if self.worker is not None and self.worker.served >= SERVES:
             self.close()
         if self.worker is None:
-            self.worker = Worker(self.main)
+            self.worker = Worker(self.main, self.python)
         worker, phase, started = self.worker, "start", None
         worker.served += 1
         attempt = 0

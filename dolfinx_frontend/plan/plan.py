@@ -733,7 +733,12 @@ def _check_request(problem: Problem, method: object, options: object) -> None:
 def _moments_in_time(problem: Problem, times: npt.ArrayLike | None) -> Array | None:
     """Times (T,) of a load history; None: there is none, and nothing that would need one."""
     if times is not None:
-        return check_times(times)
+        moments = check_times(times)
+        for name, interface in problem.interfaces.items():
+            skipped = interface.law.skipped(moments)
+            if skipped:
+                raise SceneError(f"interface {name!r}: {skipped}: add such a time to times=[...]")
+        return moments
     if problem.amplitudes:
         changing = [name for name, i in problem.interfaces.items() if i.law.varying]
         changing += [name for name, s in problem.substructures.items() if s.varying_loads]

@@ -505,6 +505,23 @@ def test_bolts_carry_nothing_before_their_turn() -> None:
     assert np.array(found) == pytest.approx(right, rel=1e-6, abs=1e-6 * force)
 
 
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (lf.Preload(1e3, during=((0.2, 0.3),)), "after 0.2 and not later than 0.3"),
+        (lf.Preload(1e3, until=0.5, shortening=1e-4), "not later than 0.5"),
+    ],
+)
+def test_tightening_that_no_step_does_is_refused(law: lf.Preload, words: str) -> None:
+    problem = lf.assemble(bar(law))
+    with pytest.raises(lf.SceneError, match=f"interface 'bolt': it is tightened {words}, and no step is there"):
+        lf.solve(problem, times=[1.0, 2.0])
+    end = 0.3 if "0.3" in words else 0.5
+    assert lf.solve(problem, times=[end, 1.0]).converged
+    if "0.3" in words:
+        assert lf.solve(problem, times=[0.1, 0.2]).converged  # a history that ends before
+
+
 def test_a_locked_bolt_that_pushes_is_named() -> None:
     """Tightened by 1 kN, and then the ends are pushed together by what makes 2 kN."""
     push = lf.Amplitude([1, 2], [0, 1])

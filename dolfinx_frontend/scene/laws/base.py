@@ -376,6 +376,10 @@ class Law:
         """Whether it pulls its sides together, as bolts do: a preload or an imposed jump."""
         return False
 
+    def skipped(self, times: Array) -> str:
+        """What no step of a history (T,) does although it ends later, in words; empty: nothing."""
+        return ""
+
     @property
     def may_loosen(self) -> bool:
         """Whether it is a bolt that loses length after it is tightened."""

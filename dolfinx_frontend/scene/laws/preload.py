@@ -247,6 +247,14 @@ class Preload(Law):
         """Whether it has not been tightened yet at a time, and carries nothing."""
         return time is not None and self.during is not None and not _after(time, self.during[0][0])
 
+    def skipped(self, times: Array) -> str:
+        spans = self.during or (((-math.inf, self.until),) if self.timed and self.until is not None else ())
+        for start, end in spans:
+            if _after(times.max(), end) and not any(_after(t, start) and not _after(t, end) for t in times):
+                since = "" if start == -math.inf else f"after {start:g} and "
+                return f"it is tightened {since}not later than {end:g}, and no step is there"
+        return ""
+
     @property
     def history(self) -> bool:
         return self.until is not None or self.during is not None
