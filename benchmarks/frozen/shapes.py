@@ -62,7 +62,9 @@ def ramp(*values: float) -> lf.Amplitude:
     return lf.Amplitude(list(range(len(values))), list(values))
 
 
-def patched(part: lf.geometry.Part, patches: Mapping[str, tuple[str, Sequence[float], Sequence[float]]]) -> Any:
+def patched(
+    part: lf.geometry.Part, patches: Mapping[str, tuple[str, Sequence[float], Sequence[float]]]
+) -> Any:
     """A box with patches cut out of its faces.
 
     ``patches``: name -> (face such as ``"z1"``, lowest corner, highest corner); corners lie on nodes.
@@ -78,7 +80,11 @@ def patched(part: lf.geometry.Part, patches: Mapping[str, tuple[str, Sequence[fl
     def patch(face: str, first: Sequence[float], last: Sequence[float]) -> Callable[[Array], Any]:
         on = plane(face)
         return lambda x: on(x) & np.all(
-            [(x[i] > a - small) & (x[i] < b + small) for i, (a, b) in enumerate(zip(first, last, strict=True))], axis=0
+            [
+                (x[i] > a - small) & (x[i] < b + small)
+                for i, (a, b) in enumerate(zip(first, last, strict=True))
+            ],
+            axis=0,
         )
 
     markers = {name: patch(*where) for name, where in patches.items()}
@@ -98,7 +104,10 @@ def mapped(part: lf.geometry.Part, place: Callable[[Array], Array]) -> lf.geomet
 
 
 def taper(
-    lengths: tuple[float, float], divisions: tuple[int, int], angle: float, origin: tuple[float, float] = (0.0, 0.0),
+    lengths: tuple[float, float],
+    divisions: tuple[int, int],
+    angle: float,
+    origin: tuple[float, float] = (0.0, 0.0),
     side: str = "x1",
 ) -> lf.geometry.Part:
     """A plane box one of whose sides, x0 or x1, leans outward (x1) or with it (x0) by an angle (rad) from y = origin."""
