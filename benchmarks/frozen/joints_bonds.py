@@ -1,4 +1,4 @@
-"""Engineers' joints of the frozen corpus: bonds and glued straps below and above their strength, lap joints."""
+"""Engineers' joints of the frozen corpus: bonds and straps below and above their strength, lap joints."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def strap(law: Any, end: float, cells: int = 20) -> lf.Problem:
 def undamaged(rtol: float, ratio: float, share: float, steps: int, cells: int = 20) -> dict[str, Any]:
     """A strap pulled to a share of the displacement at which its first point reaches the strength.
 
-    ``force``: over that of the elastic bond; ``ratio``: opening at which nothing holds over that at the strength.
+    ``force``: over that of the elastic bond; ``ratio``: last opening over that at the strength.
     """
     elastic = solved(strap(lf.Elastic(normal=GLUE, tangential=GLUE), 1.0, cells), rtol, [1.0])
     largest = float(np.linalg.norm(elastic.force("bond")[0], axis=1).max())
@@ -75,7 +75,7 @@ def tested(
     n: int = 2,
     degree: int = 1,
 ) -> Any:
-    """Two cubes of 10 mm, glued, without Poisson's effect, pulled (or sheared, very stiff) along a path of mm."""
+    """Two cubes of 10 mm, glued, without Poisson's effect, pulled (or sheared) along a path of mm."""
     assembly = lf.Scene()
     for name, x in (("left", 0.0), ("right", 10.0)):
         box = lf.geometry.box(
@@ -210,7 +210,7 @@ def bonded_beam_bent(rtol: float) -> Any:
     return solved(bonded_beam(0.1), rtol)
 
 
-# --- lap joints -------------------------------------------------------------------------------------------------------------
+# --- lap joints --------------------
 
 
 def lap(
@@ -223,7 +223,7 @@ def lap(
     material: Any = PLANE,
     other: Any = PLANE,
 ) -> lf.Problem:
-    """Two strips of 60 x 3 mm that overlap by 30 mm, on a smooth bed, squeezed along the overlap, one pulled."""
+    """Two strips of 60 x 3 mm that overlap by 30 mm, on a smooth bed, squeezed where they do, one pulled."""
     assembly = lf.Scene()
     assembly.substructure("low", lf.geometry.box((60, 3), (2 * n, 2), (0, -3)), material, degree=degree)
     assembly.substructure("up", lf.geometry.box((60, 3), (2 * n, 3), (30, 0)), other, degree=degree)

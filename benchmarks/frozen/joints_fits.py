@@ -12,7 +12,7 @@ import dolfinx_frontend as lf
 from .registry import Right, scene
 from .shapes import BALANCE, STEEL, annulus, arrived, ramp, read, solved, taper
 
-# --- press fits: a shaft of 4 .. 10 in a hub of 10 .. 25, interference 0.01, plane strain or sections -------------
+# --- press fits: a shaft of 4 .. 10 in a hub of 10 .. 25, interference 0.01 ---
 
 E, NU, INNER, FIT, OUTER, OVERSIZE = 210e3, 0.3, 4.0, 10.0, 25.0, 0.01
 
@@ -134,7 +134,7 @@ def press_fit_tresca(rtol: float) -> Any:
 
 
 def sleeve(pull: Any, *, mu: Any = 0.15, degree: int = 2, warm: Any = None, n: int = 8) -> lf.Problem:
-    """Sections (r, z) of shaft and hub, 8 mm long; ``pull``: N along the shaft. Without it both ends are held axially."""
+    """Sections (r, z) of shaft and hub, 8 mm long; ``pull``: N along the shaft; else both ends are held."""
     assembly = lf.Scene(axisymmetric=True)
     for name, low, high in (("shaft", INNER, FIT), ("hub", FIT, OUTER)):
         box = lf.geometry.box((high - low, 8.0), (6, n + 2 * (name == "hub")), (low, 0.0))
@@ -196,7 +196,7 @@ def sleeve_on_a_warm_shaft(rtol: float) -> Any:
     return read(solved(sleeve(None, mu=None, warm=ramp(0, 50, 0)), rtol, [1.0, 2.0]), *WARM)
 
 
-# --- wedges --------------------------------------------------------------------------------------------------------
+# --- wedges --------------------
 
 LEAN = math.radians(10)
 PUSH = 1000.0
@@ -211,7 +211,7 @@ def wedge(
     block: bool = False,
     axis: bool = False,
 ) -> lf.Problem:
-    """Half a wedge (or a cone of 5 mm at its tip) of 20 mm, pushed down along an inclined wall by 1000 N times a path."""
+    """Half a wedge (or a cone of 5 mm at its tip) of 20 mm, pushed along an inclined wall by 1000 N."""
     assembly = lf.Scene(axisymmetric=axis)
     start = 5.0 if axis else 0.0
     part = taper((5.0, 20.0), (n, 3 * n), LEAN, (start, 0.0))
@@ -238,7 +238,7 @@ SLIDES, JAMS = (
 
 
 def pressed(path: list[float], rtol: float, **shape: Any) -> dict[str, Any]:
-    """A history in quarters; N at the first load, N and T / N at the end (0 where the wall carries nothing)."""
+    """A history in quarters; N at the first load, N and T / N at the end (0 without N)."""
     times = 0.25 * np.arange(1, 4 * len(path) - 3)
     problem = wedge(path, **shape)
     r = solved(problem, rtol, times)
@@ -319,7 +319,7 @@ def taper_jams_at_zero_and_on(rtol: float) -> Any:
     return pressed([0, 1, 0, 0.5, 0], rtol, axis=True, block=True)
 
 
-# --- a pin in a lug ----------------------------------------------------------------------------------------------------
+# --- a pin in a lug --------------------
 
 
 def hinge(

@@ -30,7 +30,7 @@ def mount(
 ) -> lf.Problem:
     """An aluminium foot of 160 x 120 x 10 mm on a gasket of 2 mm on a base, four M10 in the corners.
 
-    ``side``: N along x at the height of 60 mm; ``warm``: K on foot and gasket; ``glued``: the gasket on the base.
+    ``side``: N along x at the height of 60 mm; ``warm``: K on foot and gasket; ``glued``: gasket on base.
     """
     assembly = lf.Scene()
     corners = {f"bolt{k}": ((0.0, 120.0)[k % 2], (0.0, 80.0)[k // 2]) for k in range(4)}
@@ -70,7 +70,7 @@ BOLTED["upper.normal@0"] = Right(-4 * TIGHTENED, BALANCE, "balance of the foot")
 
 
 def foot(result: Any, loads: list[float]) -> dict[str, float]:
-    """What of a side load friction and the shear of the bolts do not balance, at each step after the first."""
+    """What of a side load friction and the shear of the bolts do not balance, at each later step."""
     left = {}
     for step, load in enumerate(loads, start=1):
         table = result.table(step=step)
@@ -111,7 +111,11 @@ def mount_warm_and_cold(rtol: float) -> Any:
     return read(r, *BOLTED)
 
 
-@scene("joints", right=BOLTED)
+@scene(
+    "joints",
+    right=BOLTED,
+    known_bad="no answer in 30 s",
+)
 def mount_large(rtol: float) -> Any:
     """Quadratic cells: 18 000 unknowns, side load and heat."""
     problem = mount(
@@ -134,7 +138,7 @@ def mount_samples(rtol: float) -> Any:
     return {"answer": r, "upper.normal": float(normal[np.abs(normal + 4 * TIGHTENED).argmax()])}
 
 
-# --- flanges -------------------------------------------------------------------------------------------------------------
+# --- flanges --------------------
 
 
 def ring_flange(
@@ -148,8 +152,9 @@ def ring_flange(
     n: int = 1,
     law: Any = None,
 ) -> lf.Problem:
-    """Section of a flange of 50 .. 100 x 20 mm on half a gasket of 50 .. 70 mm; N on the bolt circle, 80 .. 90 mm,
-    and N on the pipe, 50 .. 60 mm. ``rim``: distance at which the rim meets the other flange. ``law``: of the gasket.
+    """Section of a flange of 50 .. 100 x 20 mm on half a gasket of 50 .. 70 mm; N on the bolt circle,
+    80 .. 90 mm, and on the pipe, 50 .. 60 mm. ``rim``: distance of its rim to the other flange. ``law``: of the
+    gasket.
     """
     assembly = lf.Scene(axisymmetric=True)
     top = {
@@ -247,8 +252,8 @@ def gasket_chaos(rtol: float) -> Any:
 def sector(
     bolt: Any, pull: Any, *, mu: float = 0.2, degree: int = 1, cells: tuple[int, int, int] = (6, 4, 2)
 ) -> lf.Problem:
-    """30 degrees of two flanges of 40 .. 80 x 12 mm with one bolt between r = 60 and 80; the upper one is pulled up at
-    its inner ring."""
+    """30 degrees of two flanges of 40 .. 80 x 12 mm with one bolt between r = 60 and 80; the upper one is
+    pulled up at its inner ring."""
     assembly = lf.Scene()
     turn = math.radians(30)
 
@@ -294,7 +299,7 @@ def flange_sector(rtol: float) -> Any:
     return read(r, "joint.normal@0", **both)
 
 
-# --- clamps --------------------------------------------------------------------------------------------------------------
+# --- clamps --------------------
 
 
 def jaw(
@@ -307,7 +312,7 @@ def jaw(
     degree: int = 1,
     mu: float = 0.3,
 ) -> lf.Problem:
-    """A jaw that closes on a bar by a path (mm) after a gap; both without Poisson's effect: springs in a row."""
+    """A jaw that closes on a bar by a path (mm) after a gap, without Poisson's effect: springs in a row."""
     assembly = lf.Scene()
     for name, x, length, young in (("bar", 0.0, 40.0, soft), ("jaw", 40.0, 20.0, 210e3)):
         cells = (n, n // 2, n // 2) if name == "bar" else (n // 2, n // 2 + 1, n // 2)

@@ -1,4 +1,4 @@
-"""What the scenes of the frozen corpus share: parts with patches, tapers and rings, one way to solve, one way to read."""
+"""What the scenes of the frozen corpus share: parts, one way to solve, one way to read."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import common  # noqa: F401  # makes the parts of the demos importable
 import numpy as np
 import numpy.typing as npt
-from parts.rings import annulus as annulus
+from parts.rings import annulus as annulus  # noqa: F401
 
 import dolfinx_frontend as lf
 from dolfinx_frontend.geometry.parts import located
@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 STEEL = lf.LinearElastic(210e3, 0.3)
 ALUMINIUM = lf.LinearElastic(70e3, 0.33)
 BALANCE = 1e-6
-"""Relative tolerance of an exact balance: a thousand times the tolerance of the iteration, which is one of energies."""
+"""Relative tolerance of an exact balance: a thousand times the tolerance of the iteration (energy)."""
 
 
 def solved(problem: lf.Problem, rtol: float, times: Sequence[float] | None = None, **settings: Any) -> Any:
@@ -45,7 +45,7 @@ def number(result: Any, column: str) -> float:
 
 
 def arrived(problem: lf.Problem, rtol: float, times: Sequence[float]) -> dict[str, Any]:
-    """A history that ends before its last step: its answer and ``"steps"``, how many of the first steps converged.
+    """A history that ends before its last step: its answer and ``"steps"``, how many converged first.
 
     A run that is refused as a whole has none.
     """
@@ -110,7 +110,7 @@ def taper(
     origin: tuple[float, float] = (0.0, 0.0),
     side: str = "x1",
 ) -> lf.geometry.Part:
-    """A plane box one of whose sides, x0 or x1, leans outward (x1) or with it (x0) by an angle (rad) from y = origin."""
+    """A plane box one of whose sides, x0 or x1, leans along x by an angle (rad) from y = origin."""
     part = lf.geometry.box(lengths, divisions, origin=origin, cell="quadrilateral")
 
     def lean(x: Array) -> Array:
