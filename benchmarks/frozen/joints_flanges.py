@@ -153,8 +153,8 @@ def ring_flange(
     law: Any = None,
 ) -> lf.Problem:
     """Section of a flange of 50 .. 100 x 20 mm on half a gasket of 50 .. 70 mm; N on the bolt circle,
-    80 .. 90 mm, and on the pipe, 50 .. 60 mm. ``rim``: distance of its rim to the other flange. ``law``: of the
-    gasket.
+    80 .. 90 mm, and on the pipe, 50 .. 60 mm. ``rim``: distance of its rim to the other flange.
+    ``law``: of the gasket.
     """
     assembly = lf.Scene(axisymmetric=True)
     top = {

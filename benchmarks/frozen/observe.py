@@ -222,7 +222,7 @@ class _Observer:
         self.series(key, np.asarray(thing, dtype=np.float64).ravel())
 
     def series(self, key: str, values: Array, errors: Array | None = None) -> None:
-        """Numbers in a row: as they are if they are few, else the last, the largest, norm, alternating sum."""
+        """Numbers in a row: as they are if few, else the last, the largest, norm, alternating sum."""
         size = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
         allowed = np.full(len(values), self.rtol * size) if errors is None else errors
         if len(values) <= (1 if self.few and errors is not None else SHORT):
