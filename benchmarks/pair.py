@@ -7,9 +7,9 @@ a run is as many calls as take 0.25 s. The scenes are those of this commit, see 
 the public interface only.
 
 **No slower** is a bench whose upper end of the 95 % interval for the median of the ratios new over old is
-below 1.05 (``pair/verdict.py``); of fewer than 6 pairs there is no such interval, and nothing is shown. Times
-are those of the processor: the clock also counts the time in which a process waits because others run, which
-says nothing of the code; on a quiet machine both agree, and the clock's ratio is printed beside.
+below 1.05 (``pair/verdict.py``); of fewer than 6 pairs there is no such interval, and times are not judged.
+They are those of the processor: the clock also counts the time in which a process waits because others run,
+which says nothing of the code; on a quiet machine both agree, and the clock's ratio is printed beside.
 
 Beside the times stand a number of each answer, which must not differ by more than both say they may be off,
 and what the solver did (iterations, factorisations, columns ...); counts that grew are listed. The exit code
@@ -94,7 +94,9 @@ def report(verdicts: list[Verdict], failed: dict[str, dict[str, str]]) -> bool:
             print(f"  {name}: the {state} state failed: {text.strip().splitlines()[-1]}")
     bad = [each.name for each in verdicts if not each.passed or each.number_differs]
     bad += [name for name, words in failed.items() if "new" in words]
-    print("\n" + (f"not as before: {', '.join(bad)}" if bad else f"no bench is slower (all below {SLOWER})"))
+    timed = all(math.isfinite(each.high) for each in verdicts)
+    well = f"no bench is slower (all below {SLOWER})" if timed else "no number differs; times were not judged"
+    print("\n" + (f"not as before: {', '.join(bad)}" if bad else well))
     return not bad
 
 

@@ -62,12 +62,14 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """Shown to be no slower."""
-        return self.high < SLOWER
+        """Shown to be no slower, or too few pairs to say."""
+        return self.high < SLOWER or math.isinf(self.high)
 
     @property
     def word(self) -> str:
         """For a reader; slower is what all of the interval says."""
+        if math.isinf(self.high):
+            return "too few pairs"
         return "no slower" if self.passed else "SLOWER" if self.low > 1.0 else "NOT SHOWN"
 
 

@@ -68,3 +68,11 @@ def test_a_tenth_is_seen_in_noise_of_two_percent(factor: float, slower: bool) ->
     assert verdict.word == ("SLOWER" if slower else "no slower")
     assert not verdict.number_differs
     assert verdict.low <= verdict.ratio <= verdict.high
+
+
+def test_few_pairs_judge_numbers_only() -> None:
+    outcome = {"number": 1.0, "error": 0.0, "counts": {}}
+    seconds = {"old": [1.0] * 5, "new": [9.0] * 5}
+    record = {s: {"cpu_s": t, "wall_s": t, "outcome": outcome} for s, t in seconds.items()}
+    verdict = judged("bench", record)
+    assert verdict.passed and verdict.word == "too few pairs"
