@@ -150,7 +150,7 @@ def main() -> None:
                 "commit": common.commit(),
                 "pairs": given.pairs,
                 "seconds": perf_counter() - began,
-                "benches": {each.name: records[each.name] | asdict(each) for each in verdicts},
+                "benches": {each.name: records[each.name] | {"verdict": asdict(each)} for each in verdicts},
                 "failed": failed,
                 "environment": common.environment(),
             },

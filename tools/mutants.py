@@ -2,7 +2,7 @@
 
     ./run python tools/mutants.py                  60 mutants, for a night
     ./run python tools/mutants.py --list           what is drawn, as differences
-    ./run python tools/mutants.py --seconds 3000 --language python
+    ./run python tools/mutants.py --seconds 3000 --only inference iteration
 
 Each mutant has one fault, made by an operator in the source as it is (``mutation.py``): a comparison turned,
 a sign, a tolerance times ten, a `not` dropped, `and` for `or`, an index off by one, `min` for `max`. It is
@@ -55,6 +55,7 @@ KERNEL = tuple(
 STATISTICS = tuple(f"dolfinx_frontend/{name}" for name in ("estimate", "inference", "uncertainty"))
 # a folder of the kernel and one of the statistics in turns: as many of both
 FOLDERS = tuple(STATISTICS[k // 2 % 3] if k % 2 else KERNEL[k // 2] for k in range(12))
+NAMES = tuple(Path(each).name for each in dict.fromkeys(FOLDERS))
 COUNT, SEED = 60, 44
 SLOWER, LEAST_S = 3.0, 60.0
 """Time limit over the seconds without a fault, and the smallest one."""
@@ -258,7 +259,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=COUNT)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--seconds", type=float, default=float("inf"), help="no mutant begins after these")
-    parser.add_argument("--language", choices=("python", "cpp"), help="those of the draw in one language")
+    parser.add_argument("--only", nargs="+", choices=NAMES, metavar="NAME", help="sub-packages of the draw")
     parser.add_argument("--first", type=int, help="so many of these only")
     parser.add_argument("--json", type=Path, help="file to write the record to")
     parser.add_argument("--keep", action="store_true", help="the share of this run is the floor from now on")
@@ -270,8 +271,8 @@ def main() -> None:
         for each in sorted((ROOT / folder).glob("*.cpp" if folder in KERNEL else "*.py"))
     }
     chosen = drawn(texts, FOLDERS, given.count, given.seed)
-    if given.language:
-        chosen = [each for each in chosen if each.path.endswith(".py") == (given.language == "python")]
+    if given.only:
+        chosen = [each for each in chosen if Path(each.path).parent.name in given.only]
     chosen = chosen[: given.first]
     if given.list:
         print("\n".join(map(difference, chosen)))
@@ -285,6 +286,7 @@ def main() -> None:
     bench = Bench(scratch)
     waiting = [each for each in chosen if repr(each) not in done]
     if waiting:
+        print(f"building a copy in {scratch} ...", file=sys.stderr, flush=True)
         bench.built({"python" if each.path.endswith(".py") else "cpp" for each in waiting})
     for site in waiting:
         if monotonic() - began > given.seconds:
