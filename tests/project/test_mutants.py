@@ -130,3 +130,59 @@ def test_the_first_failure_is_named() -> None:
     pytest_says = "x\nFAILED tests/a/test_b.py::test_c - assert 1\nFAILED d"
     assert mutants.first_failure(pytest_says) == "tests/a/test_b.py::test_c"
     assert mutants.first_failure("[ RUN ]\n[  FAILED  ] Stepper.Ends (0 ms)\n") == "Stepper.Ends"
+
+
+LAW = """
+def positive(x):
+    return x > 0
+
+def unseen(x):
+    return not x
+
+def counted_down(x):
+    while x:
+        x -= 1
+    return x
+"""
+TESTS = """
+from law import counted_down, positive
+
+def test_positive():
+    assert positive(1)
+
+def test_end():
+    assert counted_down(3) == 0
+"""
+
+
+def project_of_a_law(root: Path, tests: str) -> mutants.Bench:
+    """A project with a module of a sub-package and its tests, whose `run` calls this Python."""
+    run = f'exec "{sys.executable}" -m pytest "$@"'
+    for name, text in {
+        "run": f"#!/bin/sh\nshift\nexport PYTHONPATH=dolfinx_frontend/uncertainty\n{run}\n",
+        "dolfinx_frontend/uncertainty/law.py": LAW,
+        "tests/uncertainty/test_law.py": tests,
+    }.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    (root / "run").chmod(0o755)
+    return mutants.Bench(root)
+
+
+def test_seen_unseen_and_endless_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LATIN_ENVIRONMENT", "any")
+    monkeypatch.setattr(mutants, "LEAST_S", 1.0)
+    bench = project_of_a_law(tmp_path, TESTS)
+    name = "dolfinx_frontend/uncertainty/law.py"
+    found = {site.operator: bench.judged(site) for site in mutation.sites(name, LAW)}
+    assert found["comparison"] == ("killed", "tests/uncertainty/test_law.py::test_positive")
+    assert found["not"] == ("survived", "")
+    assert found["sign"][0] == "killed" and "longer" in found["sign"][1]
+    assert (tmp_path / name).read_text() == LAW
+
+
+def test_tests_that_fail_anyway_judge_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LATIN_ENVIRONMENT", "any")
+    bench = project_of_a_law(tmp_path, TESTS + "    assert positive(-1)\n")
+    [site, *_] = mutation.sites("dolfinx_frontend/uncertainty/law.py", LAW)
+    assert bench.judged(site)[0] == "unjudged"
