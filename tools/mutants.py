@@ -278,6 +278,8 @@ def main() -> None:
     if given.list:
         print("\n".join(map(difference, chosen)))
         return
+    # what it started ends with it, and the fault is taken out
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("mutants: ended from outside"))
     began = monotonic()
     scratch = WORK / "source"
     state = copied(scratch)
@@ -285,7 +287,8 @@ def main() -> None:
     done: dict[str, Any] = json.loads(store.read_text()) if store.exists() else {}
     excused = {(each["path"], each["becomes"]): each["reason"] for each in known().get("equivalent", [])}
     bench = Bench(scratch)
-    waiting = [each for each in chosen if repr(each) not in done]
+    unjudged = {"status": "unjudged"}  # they get another try: the machine may have been too busy
+    waiting = [each for each in chosen if done.get(repr(each), unjudged)["status"] == "unjudged"]
     if waiting:
         print(f"building a copy in {scratch} ...", file=sys.stderr, flush=True)
         bench.built({"python" if each.path.endswith(".py") else "cpp" for each in waiting})
