@@ -2,8 +2,8 @@
 
 ``frozen/`` has the scenes and the file. Every scene runs in a process of its own, with limits of processor
 time and memory. What is different beyond the errors that were said at the freeze is listed, and so are counts
-that grew; a difference that has no row in ``frozen/differences.md`` is a failure. ``--freeze`` writes what the
-library answers now into the file: of the groups and scenes that are chosen only, the others are kept.
+that grew; a difference that has no row in ``frozen/differences.md`` is a failure. ``--freeze`` writes what
+the library answers now into the file: of the groups and scenes that are chosen only, the others are kept.
 """
 
 from __future__ import annotations

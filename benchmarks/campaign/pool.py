@@ -28,7 +28,7 @@ STARTS = 120.0
 
 
 class Worker:
-    """One process of a benchmark that is started with ``--worker``, by this Python or that of another build."""
+    """One process of a benchmark that is started with ``--worker``, by this Python or another build's."""
 
     def __init__(self, main: Path = MAIN, python: str = sys.executable) -> None:
         self.log = tempfile.TemporaryFile()

@@ -595,8 +595,9 @@ def coincide(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
 
 def _same_facets(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
     """Whether faces whose nodes coincide have the same facets and functions, too: not other diagonals."""
-    kinds = [(len(f), f.facet_cell, v.element.basix_element.degree) for f, v in zip(faces, spaces, strict=True)]
-    if kinds[0] != kinds[1]:
+    degrees = [v.element.basix_element.degree for v in spaces]
+    kinds = {(len(f), f.facet_cell, degree) for f, degree in zip(faces, degrees, strict=True)}
+    if len(kinds) > 1:
         return False
     distance, _ = cKDTree(faces[1].samples.mean(axis=1)).query(faces[0].samples.mean(axis=1))
     return bool(distance.max() <= 1e-6 * min(face.sizes.min() for face in faces))

@@ -39,6 +39,7 @@ from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
 
+
 class PointResults(Face):
     """Answers at many points, of which Ctrl-C may have left some out; arrays have the points' shape first."""
 

@@ -514,7 +514,8 @@ def test_bolts_carry_nothing_before_their_turn() -> None:
 )
 def test_tightening_that_no_step_does_is_refused(law: lf.Preload, words: str) -> None:
     problem = lf.assemble(bar(law))
-    with pytest.raises(lf.SceneError, match=f"interface 'bolt': it is tightened {words}, and no step is there"):
+    refused = f"interface 'bolt': it is tightened {words}, and no step is there"
+    with pytest.raises(lf.SceneError, match=refused):
         lf.solve(problem, times=[1.0, 2.0])
     end = 0.3 if "0.3" in words else 0.5
     assert lf.solve(problem, times=[end, 1.0]).converged
