@@ -85,7 +85,7 @@ def test_sweeps_where_a_factor_does_not_fit(problem: Problem, monkeypatch: pytes
 
 def test_what_would_do(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """Contact that does not fit: the part to cut, machines, and why there is no multigrid."""
-    contact = problem.with_laws({"joint": Contact()})
+    contact = problem.with_laws({"joint": Contact(friction=0.3)})
     cost = make_plan(contact).cost
     assert cost is not None
     with_free(monkeypatch, 0.9 * cost.direct)
