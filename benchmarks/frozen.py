@@ -219,9 +219,10 @@ def freeze(given: argparse.Namespace, python: str, known: Record) -> int:
         if name in known["scenes"]:
             about = known["scenes"][name]
             record |= {key: about[key] for key in ("right", "known_bad") if about[key]} | {"rtol": RTOL}
-            if not about["known_bad"]:
-                for key in sorted(compare.missed(record)):
-                    print(f"{name}: misses the right value of {key}; is it known to be bad?", flush=True)
+            missed = ", ".join(sorted(compare.missed(record)))
+            if missed and not about["known_bad"]:
+                record["known_bad"] = f"misses the right values of {missed}"
+                print(f"{name}: {record['known_bad']}", flush=True)
         elif record["outcome"] == "crashed":
             print(f"{name}: {record.get('what')}: not kept", flush=True)
             told["not kept"] += 1
