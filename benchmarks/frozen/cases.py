@@ -752,7 +752,7 @@ def rare_opening_between_stiff_parts(rtol: float) -> Any:
         made.traction("r:x1", (Q, 0.0), name="load")
         problem = lf.assemble(made)
         r = lf.reliability(problem, lf.Response.opening("joint") > 0.0, "form", options=lf.Options(rtol=rtol))
-        out[f"E {young:g}"] = float(r.probability)
+        out[f"E {young:g}"] = r.probability.value
     return out
 
 

@@ -47,6 +47,7 @@ from dolfinx_frontend.common.checks import check_kind, check_known, check_option
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.interrupts import stop_if_pressed
+from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
@@ -514,7 +515,7 @@ def _centres(scene: Scene, substructures: Mapping[str, Substructure], comm: Any)
         of_ranks = exchanged(comm, sums)
         known = set().union(*of_ranks)
         sums = {k: np.sum([each[k] for each in of_ranks if k in each], axis=0) for k in known}
-    return tuple(each[:-1] / each[-1] for _, each in sorted(sums.items()))
+    return tuple(read_only(each[:-1] / each[-1]) for _, each in sorted(sums.items()))
 
 
 def _add(sums: dict[int, Array], kind: int, part: Substructure, face: str, remote: Remote | None) -> None:
