@@ -1,7 +1,6 @@
 #pragma once
 
 #include <memory>
-#include <utility>
 
 #include "latin/common/types.hpp"
 
@@ -18,12 +17,18 @@ inline SparseView view_of(const SparseRows& matrix) {
 
 /// A view that keeps its matrix.
 inline std::shared_ptr<const SparseView> owning_view(SparseRows matrix) {
+  // Eigen's sparse matrices swap, they do not move
   struct Owner {
-    explicit Owner(SparseRows&& given) : matrix(std::move(given)), view(view_of(matrix)) {}
+    explicit Owner(SparseRows& given) : matrix(taken(given)), view(view_of(matrix)) {}
+    static SparseRows taken(SparseRows& given) {
+      SparseRows matrix;
+      matrix.swap(given);
+      return matrix;
+    }
     SparseRows matrix;
     SparseView view;
   };
-  const auto owner = std::make_shared<const Owner>(std::move(matrix));
+  const auto owner = std::make_shared<const Owner>(matrix);
   return {owner, &owner->view};
 }
 
