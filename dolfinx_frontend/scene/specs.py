@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from types import FunctionType, MethodType
 from typing import Any, Literal, Protocol, cast, get_args
 
 import numpy as np
@@ -64,7 +65,8 @@ class PartLike(Protocol):
 
 @dataclass(frozen=True)
 class Straight:
-    """A part with straight cells instead of its curved ones; what is not here is its part's."""
+    """A part with straight cells instead of its curved ones; what is not here is its part's, methods of these
+    cells."""
 
     part: PartLike
     mesh: dmesh.Mesh
@@ -73,7 +75,8 @@ class Straight:
     def __getattr__(self, name: str) -> Any:
         if name == "part":
             raise AttributeError(name)
-        return getattr(self.part, name)
+        method = getattr(type(self.part), name, None)
+        return MethodType(method, self) if isinstance(method, FunctionType) else getattr(self.part, name)
 
 
 @dataclass(frozen=True)
