@@ -231,10 +231,8 @@ Matrix Communicator::stacked(ConstMatrixRef own, const std::vector<Index>& rows)
   const MpiLock lock;
   const Index columns = own.cols();
   const Matrix mine = own;
-  std::vector<long long> sizes;
-  for (const Index each : rows) {
-    sizes.push_back(each * columns);
-  }
+  std::vector<long long> sizes(rows.size());
+  std::ranges::transform(rows, sizes.begin(), [columns](Index each) { return each * columns; });
   std::vector<int> counts;
   std::vector<int> starts;
   const std::size_t total = lay_out(sizes, counts, starts);
@@ -383,6 +381,7 @@ Exchange::Transit::~Transit() {
   try {
     finish();
   } catch (const MpiError&) {  // a destructor must not throw: what is thrown already says more
+    exchange_.requests_.clear();
   }
 }
 
