@@ -85,6 +85,7 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
     zone = interface_unknowns(problem, kept)
     dense = _is_dense(problem, bodies, zone, options)
     asked = options.newton != "automatic"
+    laws = [problem.interfaces[name].law for name in kept]
     if not dense:
         steps = int(options.newton) if asked else 1
         return Newton(steps, choice=_begins(steps), reason="by global stages: there is no dense flexibility")
@@ -92,13 +93,17 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
     seconds = work.flops / _DENSE
     saved = NONLINEAR * log10(1.0 / options.rtol) / 4.0
     steps = min(max(int(seconds / work.iteration), 1), options.max_iterations // 2)
+    # which of several equilibria is the answer is a matter of the way to it: it is marched
+    path = any(law.history and (columns > 1 or not law.rubs) for law in laws)
     if asked:
         steps = int(options.newton)
-    elif steps <= saved or seconds <= _SMALL * work.factor:
+    elif path or steps <= saved or seconds <= _SMALL * work.factor:
         steps = 1
     takes = f"the flexibility of {zone} unknowns takes about {seconds / speed():.2g} s"
     if asked:
         reason = f"asked for; {takes}"
+    elif path:
+        reason = f"laws remember: the steps are solved one after the other; {takes}"
     elif steps == 1:
         reason = f"{takes}, no more than the iterations that it usually saves"
     else:
@@ -130,12 +135,12 @@ def fitting(problem: Problem, newton: Newton, beside: float) -> Newton:
 
 
 def _is_dense(problem: Problem, bodies: Sequence[Body], zone: int, options: Options) -> bool:
-    """Whether there is a dense flexibility of the interfaces: all bodies condensed, and within the memory
-    limit (as in the kernel's ``structure.cpp``). Collective."""
-    condensed = all(body.condensed(options) for body in bodies)
+    """Whether there is a dense flexibility of the interfaces: it and the stiffnesses of the bodies on their sides keep
+    to the memory limit (as in the kernel's ``structure.cpp``). Collective."""
+    numbers = sum(float(body.active) ** 2 for body in bodies)
     if problem.comm is not None:
-        condensed = all(exchanged(problem.comm, condensed))
-    return condensed and (options.memory_limit <= 0 or 8.0 * float(zone) ** 2 <= options.memory_limit)
+        numbers = sum(exchanged(problem.comm, numbers))
+    return options.memory_limit <= 0 or 8.0 * (numbers + float(zone) ** 2) <= options.memory_limit
 
 
 def _work(problem: Problem, here: Sequence[str], bodies: Sequence[Body], zone: int, columns: int) -> _Work:

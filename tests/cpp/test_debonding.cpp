@@ -125,4 +125,49 @@ TEST(DebondingLaw, AsksForAUniqueAnswer) {
   EXPECT_THROW(law->resolve({1, jump, Vector::Constant(1, 1e-6)}, force), InputError);
 }
 
+TEST(DebondingLaw, KnowsItsSlopes) {
+  const auto law = make_law("debonding");
+  law->set("normal", ParameterField(50.0));
+  law->set("tangential", ParameterField(20.0));
+  law->set("strength", ParameterField(2.0));
+  law->set("opening", ParameterField(0.5));
+  const Vector c = (Vector(3) << 0.1, 0.07, 0.07).finished();
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> any(-1.0, 1.0);
+  int branches[3] = {0, 0, 0};
+  for (int trial = 0; trial < 300; ++trial) {
+    const double size = 0.1 + 0.01 * (trial % 100);
+    const Matrix memory = Matrix::Constant(1, 1, trial % 3 == 0 ? 0.2 * (any(random) + 1.0) : 0.0);
+    const Vector jump = (Vector(3) << size * any(random), size * any(random), size * any(random)).finished();
+    Matrix slopes(3, 3);
+    ASSERT_TRUE(law->slopes({3, jump, c}, 0, memory, slopes));
+    const double h = 1e-7;
+    const auto force = [&](const Vector& at, Matrix& left) {
+      Matrix answer(3, 1);
+      left = memory;
+      EXPECT_TRUE(law->resolve_column({3, at, c}, 0, left, answer));
+      return Vector(answer.col(0));
+    };
+    Matrix left;
+    Matrix before;
+    force(jump, before);
+    ++branches[before(0, 0) > 0.5 ? 2 : before(0, 0) > memory(0, 0) ? 1 : 0];
+    for (int b = 0; b < 3; ++b) {
+      const Vector step = h * Vector::Unit(3, b);
+      const Vector difference = (force(jump + step, left) - force(jump - step, left)) / (2.0 * h);
+      EXPECT_LT((difference - slopes.col(b)).norm(), 1e-5 * (1.0 + difference.norm())) << trial;
+    }
+  }
+  EXPECT_GT(*std::min_element(branches, branches + 3), 10);
+  // at its largest opening a point unloads: the tangent is the secant
+  const Vector pulled = (Vector(1) << 0.3).finished();
+  const Vector soft = (Vector(1) << 0.1).finished();
+  Matrix memory = Matrix::Zero(1, 1);
+  Matrix answer(1, 1);
+  ASSERT_TRUE(law->resolve_column({1, pulled, soft}, 0, memory, answer));
+  Matrix slope(1, 1);
+  ASSERT_TRUE(law->slopes({1, pulled, soft}, 0, memory, slope));
+  EXPECT_NEAR(slope(0, 0), answer(0, 0) / pulled(0), 1e-12 * slope(0, 0));
+}
+
 }  // namespace latin::interface

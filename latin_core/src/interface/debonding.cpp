@@ -28,6 +28,16 @@ struct Softening {
   }
 };
 
+/// An opening beyond the largest one by less is rounding.
+constexpr double touching = 1e-12;
+
+/// What a point does under a trial jump.
+struct Answer {
+  double share;    ///< 1 - D
+  double reached;  ///< the largest opening so far
+  bool damages;    ///< whether it grows now, short of separation
+};
+
 /// @throws InputError on parameters without meaning, and where the law has several answers
 Softening softening_of(const std::array<double, 5>& p, double steepest) {
   const auto [normal, tangential, strength, opening, energy] = p;
@@ -99,41 +109,91 @@ double balanced(const Softening& law, const DebondingTrial& trial, double low) {
   return next;
 }
 
+/// The point of a law under a trial jump, and what it answers.
+struct DebondingPoint {
+  Softening law;
+  DebondingTrial trial;
+  Answer answer;
+
+  DebondingPoint(PointValues jump, PointValues flexibility, const std::array<double, 5>& p,
+                 double largest) {
+    const double normal = p[0];
+    const double tangential = p[1];
+    const bool sheared = jump.size() > 1 && tangential > 0.0;
+    const double ratio = tangential / normal;  // beta^2
+    const double steepest =
+        sheared ? std::max(flexibility[0], ratio * flexibility[1]) : flexibility[0];
+    law = softening_of(p, steepest);
+    const double pull = std::max(jump[0], 0.0);
+    double slide = 0.0;
+    for (std::size_t a = 1; sheared && a < jump.size(); ++a) {
+      slide += ratio * jump[a] * jump[a];
+    }
+    trial = {{pull * pull, slide},
+             {flexibility[0] * normal, sheared ? flexibility[1] * tangential : 0.0}};
+    answer = {law.intact(largest), std::max(largest, law.first), false};
+    if (trial.opened(answer.share) > answer.reached) {
+      if (trial.opened(0.0) >= law.last) {
+        answer = {0.0, std::max(answer.reached, trial.opened(0.0)), false};
+      } else {
+        const double before = answer.reached;
+        answer.reached = balanced(law, trial, before);
+        answer.share = law.intact(answer.reached);
+        answer.damages = answer.reached > (1.0 + touching) * before;
+      }
+    }
+  }
+};
+
 }  // namespace
 
 void Debonding::resolve(PointValues jump, PointValues flexibility, const std::array<double, 5>& p,
                         std::array<double, 1>& largest, PointForce force) {
-  const double normal = p[0];
-  const double tangential = p[1];
-  const bool sheared = jump.size() > 1 && tangential > 0.0;
-  const double ratio = tangential / normal;  // beta^2
-  const double steepest =
-      sheared ? std::max(flexibility[0], ratio * flexibility[1]) : flexibility[0];
-  const Softening law = softening_of(p, steepest);
-  const double pull = std::max(jump[0], 0.0);
-  double slide = 0.0;
-  for (std::size_t a = 1; sheared && a < jump.size(); ++a) {
-    slide += ratio * jump[a] * jump[a];
-  }
-  const DebondingTrial trial{
-      {pull * pull, slide}, {flexibility[0] * normal, sheared ? flexibility[1] * tangential : 0.0}};
-  double reached = std::max(largest[0], law.first);
-  double share = law.intact(largest[0]);
-  if (trial.opened(share) > reached) {
-    if (trial.opened(0.0) >= law.last) {
-      reached = std::max(reached, trial.opened(0.0));
-      share = 0.0;
-    } else {
-      reached = balanced(law, trial, reached);
-      share = law.intact(reached);
-    }
-    largest[0] = reached;
+  const DebondingPoint point(jump, flexibility, p, largest[0]);
+  const double share = point.answer.share;
+  if (point.answer.reached > point.law.first) {
+    largest[0] = point.answer.reached;
   }
   // every component from its own jump: no difference of close numbers
   const double normal_share = jump[0] > 0.0 ? share : 1.0;
-  force[0] = normal_share * normal * jump[0] / (1.0 + normal_share * trial.m[0]);
+  force[0] = normal_share * p[0] * jump[0] / (1.0 + normal_share * point.trial.m[0]);
   for (std::size_t a = 1; a < jump.size(); ++a) {
-    force[a] = share * tangential * jump[a] / (1.0 + share * trial.m[1]);
+    force[a] = share * p[1] * jump[a] / (1.0 + share * point.trial.m[1]);
+  }
+}
+
+void Debonding::slopes(PointValues jump, PointValues flexibility, const std::array<double, 5>& p,
+                       const std::array<double, 1>& largest, PointForce slope) {
+  const DebondingPoint point(jump, flexibility, p, largest[0]);
+  const auto [share, reached, damages] = point.answer;
+  const std::size_t size = jump.size();
+  std::array<double, 3> stiffness{};  // secant
+  std::array<double, 3> opened{};     // the jump at the point, where damage sees it
+  std::array<double, 3> grows{};      // d lambda / d jump, times lambda
+  for (std::size_t a = 0; a < size; ++a) {
+    const double whole = a == 0 ? p[0] : p[1];
+    const double own = a == 0 && jump[0] <= 0.0 ? 1.0 : share;
+    stiffness[a] = own * whole;
+    const double at = jump[a] / (1.0 + stiffness[a] * flexibility[a]);
+    opened[a] = whole * (a == 0 ? std::max(at, 0.0) : at);
+    grows[a] = opened[a] / p[0];
+  }
+  // K = secant - u v^T; (1 + K c)^-1 K by Sherman and Morrison
+  const double a_of_law = point.law.first / (point.law.last - point.law.first);
+  const double soft =
+      damages ? a_of_law * point.law.last / (reached * reached * reached) : 0.0;
+  double product = 0.0;
+  for (std::size_t a = 0; a < size; ++a) {
+    product += grows[a] * flexibility[a] * opened[a] / (1.0 + stiffness[a] * flexibility[a]);
+  }
+  const double factor = soft / (1.0 - soft * product);
+  for (std::size_t a = 0; a < size; ++a) {
+    const double left = 1.0 / (1.0 + stiffness[a] * flexibility[a]);
+    for (std::size_t b = 0; b < size; ++b) {
+      const double right = 1.0 / (1.0 + stiffness[b] * flexibility[b]);
+      slope[size * a + b] =
+          (a == b ? stiffness[a] * left : 0.0) - factor * left * opened[a] * grows[b] * right;
+    }
   }
 }
 

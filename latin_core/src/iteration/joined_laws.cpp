@@ -71,6 +71,28 @@ std::vector<bool> JoinedLaws::linear() const {
   return linear;
 }
 
+Vector JoinedLaws::lengths() const {
+  return of_unknowns(1, [&] {
+    Vector own = Vector::Zero(system_.unknowns());
+    const substructure::Structure& structure = laws().structure();
+    for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
+      const substructure::ActiveInterface& interface = structure.interface(i);
+      const Index components = interface.geometry.components;
+      const interface::Law& law = *laws().of(i).law;
+      const Matrix& gaps = law.get("gap").values();
+      const Matrix& jumps = law.get("jump").values();
+      for (Index row = 0; row < interface.size(); ++row) {
+        double& length = own(interface.first_unknown + row);
+        length = jumps.row(jumps.rows() == 1 ? 0 : row).cwiseAbs().maxCoeff();
+        if (row % components == 0) {
+          length += gaps.row(gaps.rows() == 1 ? 0 : row / components).cwiseAbs().maxCoeff();
+        }
+      }
+    }
+    return own;
+  });
+}
+
 Vector JoinedLaws::law_flexibility(const Vector& wanted) const {
   return of_unknowns(1, [&] { return system_.law_flexibility(joined_->own_unknowns(wanted)); });
 }

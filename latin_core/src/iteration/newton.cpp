@@ -4,35 +4,34 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <utility>
+#include <vector>
 
 namespace latin::iteration {
 namespace {
 
 constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
-/// Steps without a better residual before another tangent is tried, and a residual that counts as better.
-constexpr Index most_idle_steps = 5;
-constexpr double better = 0.5;
-/// A residual that grew by so much is not followed.
-constexpr double growth = 1e4;
 constexpr Index most_steps = 40;
-/// Shortest step of the line search.
-constexpr double shortest = 0.06;
+/// The same where steps are shortened, and the shortest of them.
+constexpr Index most_searched = 60;
+constexpr double shortest = 0.01;
+/// What a step that is shortened has to make the residual fall by, relative to its share.
+constexpr double enough = 0.1;
+/// A residual that comes back to these digits so often goes in circles.
+constexpr double digits = 1e3;
+constexpr int most_returns = 3;
+/// A step moves nothing further than so many times what the jumps, the gaps and the loads are large: what nothing
+/// holds yet flies no further than it can come back from.
+constexpr double farthest = 10.0;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
 constexpr double rounding_of_forces = 1e-9;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
-/// Global stages before an attempt at a column, twice as many before each further one.
-constexpr Index first_relaxation = 6;
-constexpr Index last_relaxation = 48;
-/// Unknowns for which a factorisation costs as much as a global stage more.
-constexpr Index unknowns_per_stage = 100;
-/// Residual of the two stages, beside the data, from which Newton's method needs no more of them.
-constexpr double near = 1e-3;
-/// The same before each further attempt, beside that before it.
-constexpr double nearer = 1e-2;
-/// Residual of an attempt that failed, beside that at its start, from which the next one goes on.
-constexpr double halfway = 0.3;
+/// Springs on the modes, relative to the search direction: the first, how much weaker the next is, and the last.
+constexpr double first_spring = 0.1;
+constexpr double weaker = 0.1;
+constexpr double last_spring = 1e-9;
 
 }  // namespace
 
@@ -43,8 +42,8 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
       layout_(system_.layout()),
       own_(system_.law_flexibility(flexibility_.own())),
       metric_(own_.cwiseProduct(flexibility_.areas())),
+      roots_(own_.cwiseQuotient(flexibility_.areas()).cwiseSqrt()),
       tangent_system_(flexibility_, layout_, own_ + flexibility_.direct()),
-      subspace_(system_),
       memory_(system_.blank()) {
   if (const Matrix& jumps = flexibility_.modal_jumps(); jumps.cols() > 0) {
     const Matrix weighted = metric_.cwiseSqrt().asDiagonal() * jumps;
@@ -53,6 +52,7 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
   } else {
     modes_.resize(jumps.rows(), 0);
   }
+  lengths_ = reach(system_.lengths());
 }
 
 /// Forces count by the work that they do on the bodies: the meshes do not determine all of them, and what moves
@@ -64,11 +64,19 @@ double Newton::norm(const Vector& force, const Vector& moved) const {
   return system_.follow_first(std::sqrt(std::max(work, 0.0) + resultants.squaredNorm()));
 }
 
+double Newton::size_of(const Vector& force) const {
+  return norm(force, tangent_system_.moved(force, Vector()));
+}
+
+Vector Newton::imbalance(const Column& column) const {
+  return column.loads +
+         flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(column.y) -
+         tangent_system_.modal_stiffness().cwiseProduct(column.a);
+}
+
 double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
   double size = 0.0;
-  const auto grow = [&](const Vector& force) {
-    size = std::max(size, norm(force, tangent_system_.moved(force, Vector())));
-  };
+  const auto grow = [&](const Vector& force) { size = std::max(size, size_of(force)); };
   auto memory = system_.blank();
   for (Index index = 0; index < data.cols(); ++index) {
     if (index % system_.laws().steps() == 0) {
@@ -110,7 +118,8 @@ Newton::Column Newton::begin(const State& state, Index index) {
 void Newton::evaluate(Column& column) {
   column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
   column.moved = tangent_system_.moved(column.phi, Vector());
-  column.norm = norm(column.phi, column.moved);
+  column.norm = std::hypot(norm(column.phi, column.moved),
+                           system_.follow_first(imbalance(column).norm()));
 }
 
 NewtonOutcome Newton::solve(State& state, double tolerance) {
@@ -120,65 +129,66 @@ NewtonOutcome Newton::solve(State& state, double tolerance) {
 NewtonOutcome Newton::solve_all(State& state, double tolerance) {
   NewtonOutcome outcome;
   const Index columns = state.data.cols();
-  const Index steps = system_.laws().steps();
   scale_ = size_of_forces(state.data, state.traces);
   double stages = 0.0;
   for (Index index = 0; index < columns; ++index) {
-    if (index % steps == 0) {
+    if (index % system_.laws().steps() == 0) {
       memory_ = system_.blank();
+      const Vector none = Vector::Zero(system_.unknowns());
+      last_ = predictor_of(index, none, none);
+    } else {
+      last_ = predictor_of(index, last_.force, last_.jump);
     }
     Column column = begin(state, index);
-    stages += 1.0;
-    const bool far = !(column.norm < close * scale_);
-    if (far && index % steps > 0) {
-      // the answer of the step before, under the loads of this one
-      const State own{state.data.col(index), state.traces.col(index)};
-      state.data.col(index) = state.data.col(index - 1);
-      apply(state, index);
-      Column start = begin(state, index);
-      stages += 2.0;
-      if (start.norm < column.norm) {
-        column = std::move(start);
-      } else {
-        state.data.col(index) = own.data;
-        state.traces.col(index) = own.traces;
-      }
-    }
-    // from far, and where the whole of it is not solved at once, from what a few global stages bring
-    bool solved = false;
-    const Index shortest_start =
-        std::clamp(system_.unknowns() / unknowns_per_stage, first_relaxation, last_relaxation);
-    const Index first = far && columns > 1 ? shortest_start : 0;
-    double target = near;
-    for (Index count = first; !solved && count <= last_relaxation;
-         count = count == 0 ? shortest_start : 2 * count) {
-      if (count > 0) {
-        const Index before = subspace_.stages();
-        State own{state.data.col(index), state.traces.col(index)};
-        subspace_.improve(index, memory_, own, target * subspace_.norm(own.data), count);
-        target *= nearer;
-        state.data.col(index) = own.data;
-        state.traces.col(index) = own.traces;
-        column = begin(state, index);
-        stages += 1.0 + static_cast<double>(subspace_.stages() - before);
-      }
-      const double start = column.norm;
-      // factorisations of a large zone cost more than global stages: one way at first
-      const bool all = shortest_start == first_relaxation || 2 * count > last_relaxation;
-      solved = iterate(column, tolerance * scale_, all, outcome.steps);
-      if (solved || column.norm < halfway * start) {
-        commit(state, column);
-        stages += 2.0;
-      }
-    }
-    if (!solved) {
+    stages += 3.0;
+    if (!solve_column(state, column, tolerance, outcome.steps)) {
       break;
     }
+    last_ = {column.force(), column.jump, {}};
+    scale_ = std::max(scale_, size_of(last_.force));
     system_.advance(index, memory_, column.jump, own_);
     ++outcome.solved;
   }
   outcome.stages = (stages + static_cast<double>(outcome.steps)) / static_cast<double>(columns);
   return outcome;
+}
+
+Newton::Predictor Newton::predictor_of(Index index, const Vector& force, const Vector& jump) const {
+  return {force, jump, system_.slopes(index, memory_, jump, own_)};
+}
+
+bool Newton::solve_column(State& state, Column& column, double tolerance, Index& steps) {
+  const bool later = column.index % system_.laws().steps() > 0;
+  // of a step that nobody has looked at nothing is known: that zero answers its loads is not the way of the history
+  const bool known =
+      !later || system_.follow_first(!state.data.col(column.index).isZero(0.0));
+  if (known && column.norm < close * scale_ && attempt(column, tolerance, {}, steps)) {
+    commit(state, column);
+    return true;
+  }
+  const Index index = column.index;
+  const State own{state.data.col(index), state.traces.col(index)};
+  if (later) {
+    state.data.col(index) = state.data.col(index - 1);
+    apply(state, index);
+    column = begin(state, index);
+  }
+  const Column start = column;
+  for (const Way way : {Way{&last_, false}, Way{&last_, true}, Way{nullptr, true}}) {
+    column = start;
+    if (attempt(column, tolerance, way, steps)) {
+      commit(state, column);
+      return true;
+    }
+  }
+  column = start;
+  if (drift(column, tolerance, steps)) {
+    commit(state, column);
+    return true;
+  }
+  state.data.col(index) = own.data;
+  state.traces.col(index) = own.traces;
+  return false;
 }
 
 void Newton::commit(State& state, const Column& column) {
@@ -191,95 +201,126 @@ void Newton::apply(State& state, Index index) {
   state.traces.col(index) = system_.traces(state.data.col(index), amplitudes_.col(index));
 }
 
-bool Newton::iterate(Column& column, double tolerance, bool all, Index& steps) {
-  return attempt(column, tolerance, Way::searched, steps) ||
-         (all && (attempt(column, tolerance, Way::whole, steps) ||
-                  attempt(column, tolerance, Way::tied, steps)));
-}
-
-/// Newton's steps from here, as long as they lead somewhere.
+/// Newton's steps from here, until they arrive or go in circles.
 bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
-  Column now = column;
-  Index since = 0;
-  for (Index count = 0; count < most_steps; ++count) {
-    // equilibrium of the modes holds from the first step on, and what that changes estimates the error
-    if (now.norm <= tolerance && count > 0) {
-      column = std::move(now);
+  const double far =
+      farthest * std::max({reach(column.jump), reach(column.jump - own_.cwiseProduct(column.before)),
+                           reach(last_.jump), lengths_});
+  const Index most = way.searched ? most_searched : most_steps;
+  std::map<long, int> seen;
+  double share = 0.0;
+  for (Index count = 0; count < most; ++count) {
+    const double size = std::max(scale_, size_of(column.force()));
+    if (count > 0 && share == 1.0 && column.norm <= tolerance * size) {
       return true;
     }
-    Vector jump = now.jump;
-    const bool tie = way == Way::tied && count == 0;
-    Vector shift = Vector::Zero(now.jump.size());
-    if (tie) {  // linearise far in the closed branch
-      // by the energies of jumps, as these are lengths or rotations
-      const Vector roots = own_.cwiseQuotient(flexibility_.areas()).cwiseSqrt();
-      const double far = 10.0 * now.jump.cwiseQuotient(roots).cwiseAbs().maxCoeff();
-      for (Index row = 0; row < shift.size(); ++row) {
-        if (layout_.first[static_cast<std::size_t>(row)] == row) {
-          shift(row) = far * roots(row);
-        }
-      }
-      jump -= shift;
+    if (!std::isfinite(column.norm)) {
+      return false;
     }
-    const Matrix tangent = system_.slopes(now.index, memory_, jump, own_);
-    if (tie) {
-      now.phi = system_.forces(now.index, memory_, jump, own_) +
-                tangent_system_.times(tangent, shift) - now.before - now.y;
-      now.moved = tangent_system_.moved(now.phi, Vector());
+    if (share == 1.0 && column.norm > 0.0 &&
+        ++seen[std::lround(digits * std::log10(column.norm))] >= most_returns) {
+      return column.norm <= rounding_of_forces * size;
+    }
+    const bool predicted = count == 0 && way.predictor != nullptr;
+    Matrix tangent;
+    if (predicted) {
+      tangent = way.predictor->slopes;
+      column.phi = way.predictor->force +
+                   tangent_system_.times(tangent, column.jump - way.predictor->jump) -
+                   column.force();
+      column.moved = tangent_system_.moved(column.phi, Vector());
+    } else {
+      tangent = system_.slopes(column.index, memory_, column.jump, own_);
     }
     Vector dy;
     Vector da;
-    if (!step(now, tangent, dy, da)) {
+    if (!step(column, tangent, dy, da)) {
       return false;
     }
-    take(now, dy, da, way == Way::searched);
     ++steps;
-    if (!std::isfinite(now.norm) || now.norm > growth * std::max(column.norm, tie ? scale_ : 0.0)) {
-      return false;
-    }
-    if (now.norm < better * column.norm || tie) {
-      column = now;
-      since = 0;
-    } else if (++since >= most_idle_steps) {
-      // no better: rounding, or in circles
-      return column.norm <= std::max(tolerance, rounding_of_forces * scale_);
-    }
+    const double moves = reach(tangent_system_.moved(dy, da) - own_.cwiseProduct(dy));
+    share = system_.follow_first(far > 0.0 && moves > far ? far / moves : 1.0);
+    share = take(column, dy, da, share, way.searched && !predicted);
   }
   return false;
 }
 
-void Newton::take(Column& column, const Vector& dy, const Vector& da, bool searched) {
+/// The modes on springs that hold them where the column began, ever weaker: at an equilibrium they carry nothing in the
+/// end.
+bool Newton::drift(Column& column, double tolerance, Index& steps) {
+  if (tangent_system_.modes() == 0) {
+    return false;
+  }
+  bool found = true;
+  double before = 0.0;
+  for (double spring = first_spring; found && spring >= last_spring; spring *= weaker) {
+    tangent_system_.hold(spring);
+    Column next = column;
+    if (before > 0.0) {
+      // what hangs on a spring alone goes as much further as that is weaker
+      const Vector further = (before / spring - 1.0) * next.a;
+      next.a += further;
+      next.jump += tangent_system_.moved(Vector::Zero(next.y.size()), further);
+    }
+    found = false;
+    const Column last = column;
+    for (Column from : before > 0.0 ? std::vector{next, last} : std::vector{last}) {
+      evaluate(from);
+      for (const bool searched : {false, true}) {
+        Column trial = from;
+        if (!found && attempt(trial, tolerance, {nullptr, searched}, steps)) {
+          found = true;
+          column = std::move(trial);
+        }
+      }
+    }
+    before = spring;
+  }
+  tangent_system_.hold(0.0);
+  evaluate(column);
+  return found && (attempt(column, tolerance, {}, steps) ||
+                   attempt(column, tolerance, {nullptr, true}, steps));
+}
+
+double Newton::take(Column& column, const Vector& dy, const Vector& da, double share,
+                    bool searched) {
   const Column from = column;
   const Vector change = tangent_system_.moved(dy, da);
-  column.norm = std::numeric_limits<double>::infinity();
-  for (double share = 1.0; share >= shortest; share *= 0.5) {
-    Column trial = from;
-    trial.y += share * dy;
-    trial.a += share * da;
-    trial.jump += share * change;
-    evaluate(trial);
-    const bool enough = !searched || trial.norm < (1.0 - 0.5 * share) * from.norm;
-    if (trial.norm < column.norm || !searched) {
-      column = std::move(trial);
+  const auto go = [&](double length) {
+    column = from;
+    column.y += length * dy;
+    column.a += length * da;
+    column.jump += length * change;
+    evaluate(column);
+  };
+  if (!searched) {
+    go(share);
+    return share;
+  }
+  double best = share;
+  double least = std::numeric_limits<double>::infinity();
+  for (double length = share; length > shortest * share; length *= 0.5) {
+    go(length);
+    if (column.norm < least) {
+      least = column.norm;
+      best = length;
     }
-    if (enough) {
-      return;
+    if (column.norm < (1.0 - enough * length) * from.norm) {
+      return length;
     }
   }
+  go(best);
+  return best;
 }
 
 bool Newton::step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da) {
-  // dy = Phi + z,  z = S (M (Phi + z) - G a),  theta a = loads + V^T W E (y + dy)
+  // dy - R' m(dy, da) = Phi,  theta da - V^T W E dy = imbalance
   const Index n = column.y.size();
   Vector right(n + column.a.size());
-  right << TangentSystem::softened * tangent_system_.times(tangent, column.moved),
-      column.loads +
-          flexibility_.modal_jumps().transpose() *
-              flexibility_.areas().cwiseProduct(column.y + column.phi) -
-          flexibility_.modal_stiffness().cwiseProduct(column.a);
+  right << column.phi, imbalance(column);
   Matrix answer = tangent_system_.solve(tangent, right);
   system_.follow_first(answer);
-  dy = column.phi + answer.topRows(n);
+  dy = answer.topRows(n);
   da = answer.bottomRows(column.a.size());
   return answer.allFinite();
 }

@@ -9,10 +9,9 @@
 namespace latin::iteration {
 namespace {
 
-/// From zero some averaged steps find most of what is open and closed. From elsewhere (another parameter set)
-/// accelerated steps often do alone, and cost less than factorisations: so many more for each of the unknowns as
-/// cost as much as a proposal, but no more than so many. None waits for more than this fraction of all iterations.
-constexpr Index steps_before = 2;
+/// From zero Newton's method marches at once. From elsewhere (another parameter set) accelerated steps often do alone,
+/// and cost less than factorisations: so many for each of the unknowns as cost as much as a proposal, but no more than
+/// so many. None waits for more than this fraction of all iterations.
 constexpr double steps_per_unknown = 0.5;
 constexpr double most_worth = 300.0;
 constexpr double share_of_iterations = 0.5;
@@ -31,16 +30,15 @@ NewtonProposal::NewtonProposal(Metric metric, Solver solver, Residual residual)
     : metric_(std::move(metric)),
       solver_(std::move(solver)),
       residual_of_(std::move(residual)),
-      wait_(steps_before),
       wait_after_failure_(steps_after_failure) {}
 
 void NewtonProposal::begin(bool from_zero, Index unknowns, Index most_iterations, Index patience) {
-  auto wait = static_cast<double>(patience - steps_before);
+  auto wait = static_cast<double>(patience - 1);
   if (!from_zero) {
     wait = std::max(wait, std::min(steps_per_unknown * static_cast<double>(unknowns), most_worth));
   }
   const double room = share_of_iterations * static_cast<double>(most_iterations);
-  wait_ = steps_before + static_cast<Index>(std::clamp(wait, 0.0, room));
+  wait_ = static_cast<Index>(std::clamp(wait, 0.0, room));
 }
 
 bool NewtonProposal::hurry() {

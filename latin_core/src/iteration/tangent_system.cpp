@@ -29,7 +29,15 @@ constexpr Index columns_of_piece = 128;
 
 TangentSystem::TangentSystem(const substructure::Flexibility& flexibility,
                              const substructure::InterfaceSystem::Layout& layout, Vector shift)
-    : flexibility_(flexibility), layout_(layout), shift_(std::move(shift)) {}
+    : flexibility_(flexibility),
+      layout_(layout),
+      shift_(std::move(shift)),
+      modal_stiffness_(flexibility.modal_stiffness()) {}
+
+void TangentSystem::hold(double spring) {
+  modal_stiffness_ = flexibility_.modal_stiffness().array() + spring;
+  tangent_.resize(0, 0);
+}
 
 Vector TangentSystem::moved(ConstVectorRef y, ConstVectorRef a) const {
   Vector result = shift_.cwiseProduct(y) - factor_with_mu * flexibility_.product(y);
@@ -54,7 +62,7 @@ Vector TangentSystem::apply(const Matrix& tangent, const Vector& x) const {
   const auto a = x.tail(modes());
   Vector result(x.size());
   result << z - (1.0 - softening) * times(tangent, moved(z, a)),
-      flexibility_.modal_stiffness().cwiseProduct(a) -
+      modal_stiffness_.cwiseProduct(a) -
           flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(z);
   return result;
 }
@@ -175,7 +183,7 @@ void TangentSystem::factorise(const Matrix& tangent) {
       fill(i);
     }
   });
-  system.bottomRightCorner(count, count) = flexibility_.modal_stiffness().asDiagonal();
+  system.bottomRightCorner(count, count) = modal_stiffness_.asDiagonal();
   lu_.factorise();
 }
 

@@ -102,10 +102,15 @@ void Flexibility::add_bodies() {
 void Flexibility::add_body(const Body& body, Index first_row) {
   const SparseRows& trace = body.active_traces();
   const Vector robin = body.weights().cwiseProduct(body.directions());
-  // L L^T = S + T^T W k T is given; held by mu k alone: (1 + mu) L L^T - T^T W k T
-  const Matrix lower = body.condensed_factor().triangularView<Eigen::Lower>();
-  Matrix stiffness = Matrix::Zero(lower.rows(), lower.cols());
-  stiffness.selfadjointView<Eigen::Lower>().rankUpdate(lower, 1.0 + mu);
+  // S + T^T W k T is given; held by mu k alone: (1 + mu) of it, less T^T W k T
+  Matrix stiffness;
+  if (body.condensed()) {
+    const Matrix lower = body.condensed_factor().triangularView<Eigen::Lower>();
+    stiffness = Matrix::Zero(lower.rows(), lower.cols());
+    stiffness.selfadjointView<Eigen::Lower>().rankUpdate(lower, 1.0 + mu);
+  } else {
+    stiffness = (1.0 + mu) * body.schur();
+  }
   stiffness -= Matrix(trace.transpose() * SparseRows(robin.asDiagonal() * trace));
   const Eigen::LLT<Matrix> cholesky(stiffness);  // of the lower triangle
   if (cholesky.info() != Eigen::Success) {

@@ -561,11 +561,14 @@ const Macro& Structure::macro() const {
 }
 
 bool Structure::has_flexibility() const {
+  Vector numbers = Vector::Zero(1);
+  for (const Body& body : bodies_) {
+    const auto active = static_cast<double>(body.rows() > 0 ? body.active() : 0);
+    numbers(0) += active * active;
+  }
+  communicator_.sum({numbers.data(), 1});
   const auto unknowns = static_cast<double>(total_unknowns_);
-  const bool affordable = memory_limit_ <= 0.0 || 8.0 * unknowns * unknowns <= memory_limit_;
-  return affordable && communicator_.everywhere(std::ranges::all_of(bodies_, [](const Body& body) {
-    return body.rows() == 0 || body.condensed();
-  }));
+  return memory_limit_ <= 0.0 || 8.0 * (numbers(0) + unknowns * unknowns) <= memory_limit_;
 }
 
 const Flexibility& Structure::flexibility() const {

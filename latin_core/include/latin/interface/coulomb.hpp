@@ -25,6 +25,7 @@ struct Coulomb {
   static constexpr std::array parameters{Parameter{"gap"}, Parameter{"compliance", 0.0},
                                          Parameter{"friction", 0.0}, Parameter{"threshold", 0.0}};
   static constexpr std::size_t memory = 2;
+  static constexpr double touching = 1e-12;  ///< share of the bound that is rounding
   static void resolve(PointValues jump, PointValues flexibility, const std::array<double, 4>& p,
                       std::array<double, 2>& before, PointForce force) {
     const auto [gap, compliance, friction, threshold] = p;
@@ -59,7 +60,8 @@ struct Coulomb {
       trial[a - 1] = (jump[a] - before[a - 1]) / flexibility[a];
     }
     const double length = std::hypot(trial[0], trial[1]);
-    const bool slips = length > bound;
+    // a point that has slipped lies on its bound, but for rounding: it sticks as long as nothing drives it on
+    const bool slips = length > (1.0 + touching) * bound;
     for (std::size_t a = 1; a < size; ++a) {
       slope[size * a + a] = (slips ? bound / length : 1.0) / flexibility[a];
       if (slips) {

@@ -36,6 +36,9 @@ struct Debonding {
   static constexpr std::size_t memory = 1;
   static void resolve(PointValues jump, PointValues flexibility, const std::array<double, 5>& p,
                       std::array<double, 1>& largest, PointForce force);
+  /// At the end of the elastic branch, and where the largest opening is just reached again: as if it unloads.
+  static void slopes(PointValues jump, PointValues flexibility, const std::array<double, 5>& p,
+                     const std::array<double, 1>& largest, PointForce slope);
 };
 
 using DebondingLaw = PointwiseLawAdapter<Debonding>;

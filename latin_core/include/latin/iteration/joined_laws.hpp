@@ -58,6 +58,8 @@ class JoinedLaws {
 
   /// (interfaces) whether its law is linear.
   [[nodiscard]] std::vector<bool> linear() const;
+  /// (unknowns) the largest gap and imposed jump of any column, length.
+  [[nodiscard]] Vector lengths() const;
   /// See InterfaceSystem; the memory is that of this rank's interfaces.
   [[nodiscard]] Vector law_flexibility(const Vector& wanted) const;
   [[nodiscard]] Matrix free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const;

@@ -4,22 +4,25 @@
 #include "latin/iteration/joined_system.hpp"
 #include "latin/iteration/newton_proposal.hpp"
 #include "latin/iteration/state.hpp"
-#include "latin/iteration/subspace.hpp"
 #include "latin/iteration/tangent_system.hpp"
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
 
-/// Semi-smooth Newton on the interface forces, one column after the other.
+/// Semi-smooth Newton on the interface forces, marched through the columns of a history.
 ///
 /// With the bodies eliminated a column is f = R(j0), j0 = b - A f + G a + c f: A the flexibility of the bodies, b
 /// the jump that the loads alone would leave, a the amplitudes of modes that nothing else holds, with the
 /// equilibrium of those as further equations. The flexibility c at which the laws are asked is free; it is that of
-/// the bodies at the point itself, so that nothing here depends on the search direction. Since a law with memory
-/// looks back only, the columns of a history are solved in their order, each from the better of two starts:
-/// where it is, and the answer of the step before it under its own loads. Some accelerated steps of the two stages,
-/// of that column alone, come before Newton's, and more of them wherever those fail.
+/// the bodies at the point itself, so that nothing here depends on the search direction. With that c a step is that of
+/// P. Alart and A. Curnier, Comput. Methods Appl. Mech. Engng 92 (1991) 353, for every law that answers.
+///
+/// The columns of a history are solved in their order, each from the answer of the step before it under its own loads:
+/// the first iteration takes the laws linearised where that step has left them (what was closed sticks, what was open
+/// stays open, what was damaged unloads), and no step moves anything much further than the jumps are large. Where
+/// whole steps go in circles, steps are shortened by the residual, and at last the modes are held by springs that
+/// become ever weaker. What none of these solves ends the march: the columns before it are answers.
 ///
 /// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: see TangentSystem.
 ///
@@ -56,25 +59,46 @@ class Newton {
     Vector phi;     ///< R(j0) - f
     Vector moved;   ///< change of the free jumps with phi
     double norm = 0.0;
+
+    [[nodiscard]] Vector force() const { return before + y; }
+  };
+  /// The laws linearised at the answer of the step before: f = force + slopes (j0 - jump).
+  struct Predictor {
+    Vector force;
+    Vector jump;
+    Matrix slopes;
+  };
+  /// How steps are taken: as the predictor says at first, and shortened where the residual does not fall.
+  struct Way {
+    const Predictor* predictor = nullptr;
+    bool searched = false;
   };
   NewtonOutcome solve_all(State& state, double tolerance);
   [[nodiscard]] double size_of_forces(const Matrix& data, const Matrix& traces) const;
   [[nodiscard]] Column begin(const State& state, Index index);
-  [[nodiscard]] bool iterate(Column& column, double tolerance, bool all, Index& steps);
-  /// `searched`: shorter steps where those make the residual fall and whole ones do not, which is the better way
-  /// far from the answer but may end in a local minimum; `tied`: whole steps, the first as if everything were
-  /// closed and stuck, for bodies that nothing else holds.
-  enum class Way { searched, whole, tied };
+  /// From where an iteration is, if that is near, and else from the step before.
+  [[nodiscard]] bool solve_column(State& state, Column& column, double tolerance, Index& steps);
+  [[nodiscard]] Predictor predictor_of(Index index, const Vector& force, const Vector& jump) const;
   [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
+  [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
-  void take(Column& column, const Vector& dy, const Vector& da, bool searched);
+  /// @param share of the step, or less
+  /// @return the share that was taken
+  double take(Column& column, const Vector& dy, const Vector& da, double share, bool searched);
   /// What has changed in a column, as data and traces.
   void commit(State& state, const Column& column);
   /// Traces of the data of one column.
   void apply(State& state, Index index);
   /// @param moved change of the free jumps with the force
   [[nodiscard]] double norm(const Vector& force, const Vector& moved) const;
+  [[nodiscard]] double size_of(const Vector& force) const;
+  /// Loads on the modes that the forces of a column and the springs of a drift do not balance.
+  [[nodiscard]] Vector imbalance(const Column& column) const;
+  /// The largest jump, in units of the flexibility at its point.
+  [[nodiscard]] double reach(const Vector& jump) const {
+    return jump.size() > 0 ? jump.cwiseQuotient(roots_).cwiseAbs().maxCoeff() : 0.0;
+  }
 
   const Matrix& amplitudes_;
   JoinedSystem system_;
@@ -82,11 +106,13 @@ class Newton {
   const substructure::InterfaceSystem::Layout& layout_;
   Vector own_;     ///< flexibility at which the laws are asked
   Vector metric_;  ///< areas * own_
+  Vector roots_;   ///< what jumps are measured with, as these are lengths or rotations
   Matrix modes_;   ///< orthonormal basis of the jumps of the modes times the root of the metric
   TangentSystem tangent_system_;
-  Subspace subspace_;
   JoinedSystem::Memory memory_;  ///< of the columns before
+  Predictor last_;               ///< of the answer of the column before
   double scale_ = 0.0;           ///< size of the forces
+  double lengths_ = 0.0;         ///< reach of the gaps and of what else the laws impose on the jumps
 };
 
 }  // namespace latin::iteration

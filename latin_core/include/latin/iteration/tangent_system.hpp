@@ -39,11 +39,15 @@ class TangentSystem {
   /// T p, by point.
   [[nodiscard]] Vector times(const Matrix& tangent, ConstVectorRef p) const;
   /// Solve with a tangent as of `InterfaceSystem::slopes`.
-  /// @param right of the forces, zero where the tangent is, then of the modes
+  /// @param right of the forces, then of the modes
   /// @return z and a; not finite where there is no answer
   [[nodiscard]] Vector solve(const Matrix& tangent, const Vector& right);
 
-  [[nodiscard]] Index modes() const { return flexibility_.modal_stiffness().size(); }
+  [[nodiscard]] Index modes() const { return modal_stiffness_.size(); }
+  /// theta, with the springs that hold the modes.
+  [[nodiscard]] const Vector& modal_stiffness() const { return modal_stiffness_; }
+  /// Hold the modes by springs, relative to the search direction.
+  void hold(double spring);
   /// LU factorisations so far, and products with the flexibility in their place.
   [[nodiscard]] Index factorisations() const { return factorisations_; }
   [[nodiscard]] Index products() const { return products_; }
@@ -60,6 +64,7 @@ class TangentSystem {
   const substructure::Flexibility& flexibility_;
   const substructure::InterfaceSystem::Layout& layout_;
   Vector shift_;
+  Vector modal_stiffness_;
   std::vector<Index> rows_;  ///< of the closed zone
   Matrix tangent_;
   algebra::DenseLU lu_;  ///< of the transposed system

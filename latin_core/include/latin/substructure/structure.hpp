@@ -148,8 +148,8 @@ class Structure {
   [[nodiscard]] Index macro_size() const { return macro_size_; }
   /// The coarse problem, factorised when first asked for, which is collective.
   [[nodiscard]] const Macro& macro() const;
-  /// Whether flexibility() can be made: every body with sides is condensed, and its matrix keeps to the memory limit of
-  /// dense blocks. Collective.
+  /// Whether flexibility() can be made: its matrix and the stiffnesses of the bodies on their sides keep to the memory
+  /// limit of dense blocks. Collective.
   [[nodiscard]] bool has_flexibility() const;
   /// Dense flexibility of the interfaces, made when first asked for, which is collective.
   [[nodiscard]] const Flexibility& flexibility() const;
