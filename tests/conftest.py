@@ -43,13 +43,23 @@ def recorded() -> dict[str, float]:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--fast", action="store_true", help="only tests below a second, on one rank")
     parser.addoption("--night", action="store_true", help="those too that are marked so")
+    parser.addoption("--ranks", choices=("only", "none"), help="those that start mpirun, or all others")
     parser.addoption("--record-seconds", action="store_true", help=f"write {SECONDS.name}")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
-    if config.getoption("--night"):
-        config.option.markexpr = ""
+    night, ranks = config.getoption("--night"), config.getoption("--ranks")
+    if night or ranks:
+        words = {"only": ["mpi"], "none": ["not mpi"]}.get(ranks, [])
+        config.option.markexpr = " and ".join(words if night else [*words, "not night"])
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """For the tests with ranks no file is imported that has none."""
+    if config.getoption("--ranks") != "only" or collection_path.suffix != ".py":
+        return None
+    return None if "mpi" in collection_path.read_text(encoding="utf-8") else True
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

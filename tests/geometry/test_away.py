@@ -458,7 +458,13 @@ def test_interfaces_below_the_rounding_are_named(space: Any) -> None:
 # -- fuzzing -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "count"), [("step", 5), ("msh", 8)])
+NIGHT = pytest.mark.night(guard="the same test with two files")
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [("step", 2), ("msh", 2), *(pytest.param(*each, marks=NIGHT) for each in (("step", 5), ("msh", 8)))],
+)
 def test_damaged_files(kind: str, count: int, tmp_path: Path) -> None:
     """A few of those of ``./run bench fuzz_geometry``."""
     sound = fuzz.make(kind, tmp_path)

@@ -164,6 +164,7 @@ def test_faces_of_one_pair_are_grouped(tmp_path: Path) -> None:
     assert step.sides("base|bridge#2") == ("base:bridge#2", "bridge:base#2")
 
 
+@pytest.mark.night(guard="test_named_faces: the same file; test_a_bolt_that_is_cut_and_tightened")
 def test_the_flange(flange: Path) -> None:
     shape = FlangeShape()
     step = read_step(flange, cuts=Cut("stud *", normal=(0, 0, 2)))

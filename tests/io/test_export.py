@@ -485,6 +485,7 @@ def lose(path: Path, dice: random.Random) -> None:
     path.unlink()
 
 
+@pytest.mark.night(guard="test_each_damage_is_one_error")
 @pytest.mark.slow
 def test_damaged_folders(elastic: lt.Problem, tmp_path: Path) -> None:
     """Any bit that changes anywhere is found before PETSc or HDF5 see it."""
@@ -559,7 +560,14 @@ def mutate(file: Any, dice: random.Random) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["solution", "sweep", "chaos"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "sweep",
+        pytest.param("solution", marks=pytest.mark.night(guard="those of a sweep")),
+        pytest.param("chaos", marks=pytest.mark.night(guard="those of a sweep")),
+    ],
+)
 def test_contradictory_folders(elastic: lt.Problem, tmp_path: Path, kind: str) -> None:
     """Files that are whole but say what cannot be: an error or an answer, no crash."""
     whole = tmp_path / "whole"
@@ -592,6 +600,7 @@ def vessel() -> Any:
 
 
 RANKS = [1, pytest.param(2, marks=pytest.mark.mpi)]
+NIGHTLY_RANKS = [1, pytest.param(2, marks=[pytest.mark.mpi, pytest.mark.night(guard="test_vessel[2]")])]
 TIGHT = lt.Options(rtol=1e-11)
 TOLERANCE = 1e-9
 """Between ranks: what runs of 1e-11, whose steps differ, leave of forces that are a tenth of the largest."""
@@ -607,7 +616,7 @@ def test_vessel(vessel: Any, tmp_path: Path, ranks: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ranks", RANKS)
+@pytest.mark.parametrize("ranks", NIGHTLY_RANKS)
 def test_sweep_of_the_vessel(vessel: Any, tmp_path: Path, ranks: int) -> None:
     problem = lt.assemble(vessel.build_scene("coarse")[1])
     grid = vessel.stiffnesses(vessel.XI_SCREW, vessel.XI_JOINT)
@@ -623,7 +632,7 @@ def test_sweep_of_the_vessel(vessel: Any, tmp_path: Path, ranks: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ranks", RANKS)
+@pytest.mark.parametrize("ranks", NIGHTLY_RANKS)
 def test_chaos_of_the_vessel(vessel: Any, tmp_path: Path, ranks: int) -> None:
     problem = lt.assemble(vessel.random_scene(vessel.build_scene("coarse")[0]))
     problem.export(tmp_path, chaos=3, options=TIGHT)

@@ -89,7 +89,11 @@ def test_quantities_of_one_rank_are_known_to_all() -> None:
     holds(2, ("same answer on rank", "failed together on rank"), "mpi_quantity.py")
 
 
-@pytest.mark.parametrize(("ranks", "first"), [(2, 0), (3, 7)])
+NIGHT = pytest.mark.night(guard="the other cases of the same test")
+"""Of repetitions that take long: with more ranks, or by another way through the same code."""
+
+
+@pytest.mark.parametrize(("ranks", "first"), [(2, 0), pytest.param(3, 7, marks=NIGHT)])
 def test_random_scenes_over_ranks_have_the_answers_of_one(ranks: int, first: int) -> None:
     run = launch(ranks, "mpi_random.py", str(first), str(first + 4))
     assert run.returncode == 0, run.stdout + run.stderr
@@ -142,6 +146,7 @@ def test_checkpoints_survive_a_rank_that_ends(how: str, tmp_path: Path) -> None:
     holds(2, "resumed", "mpi_files.py", "resume", str(tmp_path))
 
 
+@pytest.mark.night(guard="test_checkpoints_survive_a_rank_that_ends")
 def test_checkpoints_go_on_with_any_number_of_ranks(tmp_path: Path) -> None:
     for ranks, what, told in ((2, "some", "begun"), (3, "more", "gone on"), (1, "all", "gone on")):
         run = launch(ranks, "mpi_files.py", what, str(tmp_path))
@@ -162,10 +167,10 @@ def test_what_the_first_rank_does_for_all(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("ranks", "call", "said"),
     [
-        (2, "inside", ("same inside", "refused")),
+        pytest.param(2, "inside", ("same inside", "refused"), marks=NIGHT),
         (3, "columns", ("same part", "same columns")),
-        (2, "points", ("same points",)),
-        (3, "numbers", ("same estimates",)),
+        pytest.param(2, "points", ("same points",), marks=NIGHT),
+        pytest.param(3, "numbers", ("same estimates",), marks=NIGHT),
         (2, "meshes", ("same meshes",)),
     ],
 )
@@ -173,11 +178,14 @@ def test_a_part_whose_mesh_is_spread_over_the_ranks(ranks: int, call: str, said:
     holds(ranks, tuple(f"{what} on rank" for what in said), "mpi_spread.py", call)
 
 
-@pytest.mark.parametrize(("ranks", "call", "what"), [(3, "same", "meshes"), (2, "laws", "laws")])
+@pytest.mark.parametrize(
+    ("ranks", "call", "what"), [(3, "same", "meshes"), pytest.param(2, "laws", "laws", marks=NIGHT)]
+)
 def test_meshes_follow_the_question_over_ranks_as_on_one(ranks: int, call: str, what: str) -> None:
     holds(ranks, f"same {what} on rank", "mpi_meshes.py", call)
 
 
+@pytest.mark.night(guard="test_meshes_follow_the_question_over_ranks_as_on_one")
 def test_meshes_of_random_scenes_over_ranks() -> None:
     holds(2, "same scatter on rank", "mpi_meshes.py", "random")
 
@@ -192,8 +200,8 @@ def test_a_rank_that_cannot_mesh_its_part_again_ends_all() -> None:
     ("ranks", "calls"),
     [
         (2, {"solve": "same solutions", "fail": "failed together"}),
-        (2, {"points": "same points", "shared": "shared points"}),
-        (3, {"solve": "same solutions"}),
+        pytest.param(2, {"points": "same points", "shared": "shared points"}, marks=NIGHT),
+        pytest.param(3, {"solve": "same solutions"}, marks=NIGHT),
     ],
 )
 def test_multigrid_over_ranks_has_the_answers_of_factors(ranks: int, calls: dict[str, str]) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.kernel.test_mpi import holds, launch, pytestmark  # noqa: F401
 
 
@@ -27,6 +29,7 @@ def test_ranks_with_different_problems_are_refused() -> None:
     holds(2, "refused on rank", "mpi_points.py", "refuse")
 
 
+@pytest.mark.night(guard="test_mpi.py: test_checkpoints_survive_a_rank_that_ends[kill]")
 def test_a_killed_rank_ends_all_and_its_points_are_done_again(tmp_path: Path) -> None:
     file = str(tmp_path / "points")
     assert launch(2, "mpi_points.py", "kill", file).returncode != 0

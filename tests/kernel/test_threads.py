@@ -20,8 +20,8 @@ def answers(threads: int) -> str:
 
 
 @pytest.mark.slow
-def test_the_number_of_threads_changes_no_bit() -> None:
+@pytest.mark.parametrize("threads", [2, pytest.param(3, marks=pytest.mark.night(guard="two threads"))])
+def test_the_number_of_threads_changes_no_bit(threads: int) -> None:
     one = answers(1)
     assert [line.split()[1] for line in one.splitlines()] == ["converged", "converged", "True", "converged"]
-    assert answers(2) == one
-    assert answers(3) == one
+    assert answers(threads) == one

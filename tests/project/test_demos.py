@@ -108,8 +108,8 @@ def run(script: str, *arguments: str) -> str:
     return done.stdout
 
 
-DAILY = ("bolted_vessel.py", "first_bolt.py", "own_law.py", "two_blocks.py")
-NIGHTLY = pytest.mark.night(guard="tests/project/test_docs.py: the tutorials")
+DAILY = ("first_bolt.py", "own_law.py", "two_blocks.py")
+NIGHTLY = pytest.mark.night(guard="the tutorials in test_docs.py, test_vessel_by_the_method_of_2004_only")
 
 
 @pytest.mark.slow
@@ -149,7 +149,10 @@ def test_vessel_by_the_method_of_2004_only(tmp_path: Path) -> None:
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["vessel", "vessel.vtm"]
 
 
-@pytest.mark.parametrize("options", [["--friction", "0.3"], ["--gasket", "100"]])
+GASKET = pytest.param(["--gasket", "100"], marks=pytest.mark.night(guard="that with friction"))
+
+
+@pytest.mark.parametrize("options", [["--friction", "0.3"], GASKET])
 def test_vessel_with_true_contact(options: list[str], tmp_path: Path) -> None:
     arguments = ["--contact", "--size", "coarse", "--quick", *options, "--output", str(tmp_path)]
     printed = run("demos/bolted_vessel.py", *arguments)

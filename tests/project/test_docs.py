@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import re
 import subprocess
@@ -37,7 +38,17 @@ PAGES = [
 ]
 
 
-@pytest.mark.parametrize("page", PAGES)
+# pages that take long -> tests of what they show; test_examples_use_what_there_is sees names that are no more
+LONG = {"report.md": "tests/sheets/test_report.py", "results.md": "tests/results/test_tables.py"}
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.night(guard=LONG[page])] if page in LONG else [])
+        for page in PAGES
+    ],
+)
 def test_examples(page: str, capsys: pytest.CaptureFixture[str]) -> None:
     """They run, and print what the block behind them shows."""
     names: dict[str, object] = {"__name__": "docs"}
@@ -47,6 +58,22 @@ def test_examples(page: str, capsys: pytest.CaptureFixture[str]) -> None:
         capsys.readouterr()
         exec(compile(block, page, "exec"), names)
         printed_as_shown(capsys.readouterr().out, shown)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_examples_use_what_there_is(page: str) -> None:
+    """Names of the package in all examples, also in those of pages that run at night only."""
+    found = 0
+    for block in re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), flags=re.S):
+        for node in ast.walk(ast.parse(block)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("dolfinx_frontend"):
+                module = importlib.import_module(str(node.module))
+                assert all(hasattr(module, each.name) for each in node.names), (page, node.module)
+                found += len(node.names)
+            elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "lf":
+                assert hasattr(dolfinx_frontend, node.attr), (page, node.attr)
+                found += 1
+    assert found
 
 
 def test_kernel_page_shows_its_demo(capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,6 +151,7 @@ def test_tutorials_show_their_demos() -> None:
     assert shown > 10
 
 
+@pytest.mark.night(guard="test_step.py: test_the_page_of_the_documentation")
 def test_script_for_a_file_of_ones_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -142,6 +170,7 @@ def test_every_demo_is_a_tutorial() -> None:
         assert f"demos/{demo.name}" in pages
 
 
+@pytest.mark.night(guard="test_every_public_name_is_in_the_reference, test_tutorials_show_their_demos")
 @pytest.mark.slow
 def test_pages_build_without_warnings(tmp_path: Path) -> None:
     pytest.importorskip("sphinx")

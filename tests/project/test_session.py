@@ -298,14 +298,21 @@ def on_a_terminal(*arguments: str, size: tuple[int, int] = (0, 0), **environment
 
 def test_bars_are_drawn_on_a_terminal_only() -> None:
     pytest.importorskip("tqdm")
-    for size in ((0, 0), (24, 100)):
-        text = on_a_terminal(size=size)
-        for what in ("assemble", "solve", "sweep: 100%", "iterations="):
-            assert what in text
-    assert on_a_terminal("off") == ""
-    assert on_a_terminal(LATIN_PROGRESS="0") == ""
+    text = on_a_terminal(size=(24, 100))
+    for what in ("assemble", "solve", "sweep: 100%", "iterations="):
+        assert what in text
     piped = subprocess.run([sys.executable, "-c", MAIN + BARS], capture_output=True, text=True, check=True)
     assert piped.stdout == piped.stderr == ""
+
+
+@pytest.mark.night(guard="test_bars_are_drawn_on_a_terminal_only, test_the_switch_says_how_it_is")
+def test_bars_of_a_terminal_without_size_and_none_if_switched_off() -> None:
+    pytest.importorskip("tqdm")
+    text = on_a_terminal()
+    for what in ("assemble", "solve", "sweep: 100%", "iterations="):
+        assert what in text
+    assert on_a_terminal("off") == ""
+    assert on_a_terminal(LATIN_PROGRESS="0") == ""
 
 
 def test_the_switch_says_how_it_is() -> None:

@@ -393,6 +393,25 @@ def test_only_compat_asks_what_dolfinx_renamed() -> None:
     assert not [str(path) for path in sources if renamed.search(path.read_text(encoding="utf-8"))]
 
 
+def test_ranks_come_alone_and_last_and_wait_for_the_sanitized_build(tmp_path: Path) -> None:
+    """What fails before does not stop them; of the short tests there are none."""
+    write(tmp_path, "build/sanitize/busy", "")
+    stubs = "run_cpp_tests() { true; }; pytest_on_cores() { echo \"shared: $*\"; false; }; "
+    stubs += "attend() { echo \"alone: $*\"; }; flock() { echo \"waits: $(basename \"$1\")\"; }; "
+    outcomes = {}
+    for options in ("", "--night", "--fast"):
+        call = f'run_tests "{tmp_path}/build" {options} || echo "ended with $?"'
+        outcomes[options] = shell(stubs + call, tmp_path).stdout.splitlines()
+    for options in ("", " --night"):
+        assert outcomes[options.strip()] == [
+            f"shared: tests --ranks none{options}",
+            "waits: busy",
+            f"alone: python -m pytest tests --ranks only{options}",
+            "ended with 1",
+        ]
+    assert outcomes["--fast"] == ["shared: tests --ranks none --fast", "ended with 1"]
+
+
 def test_a_night_goes_on_after_failures_and_says_so(tmp_path: Path) -> None:
     """Each step's outcome is printed, and what failed is what the night ends with."""
     write(tmp_path, "run", '#!/bin/sh\ntest "$1" != lint\n')

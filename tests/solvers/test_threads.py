@@ -110,7 +110,13 @@ print("level", MPI.Query_thread() == MPI.THREAD_MULTIPLE)
 """
 
 
-@pytest.mark.parametrize(("first", "several"), [("petsc4py.PETSc", False), ("dolfinx_frontend", True)])
+@pytest.mark.parametrize(
+    ("first", "several"),
+    [
+        ("petsc4py.PETSc", False),
+        pytest.param("dolfinx_frontend", True, marks=pytest.mark.night(guard="where MPI allows less")),
+    ],
+)
 def test_mumps_beside_a_thread_that_assembles(first: str, several: bool) -> None:
     """MUMPS calls MPI, and so does whoever makes a mesh: right even where MPI takes one thread at a time."""
     program = BESIDE.format(first=first, here=str(Path(__file__).parent))

@@ -101,7 +101,17 @@ def test_the_scenes_that_the_first_campaign_failed_at(
     assert not bad, bad
 
 
-@pytest.mark.parametrize("file", sorted((CASES / "later").glob("*.txt")), ids=lambda file: str(file.stem))
+NIGHT = pytest.mark.night(guard="the other scenes")
+LONG = ("scatter_part_by_part",)
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        pytest.param(file, id=file.stem, marks=[NIGHT] if file.stem in LONG else [])
+        for file in sorted((CASES / "later").glob("*.txt"))
+    ],
+)
 def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
     """Estimates were too small, or nothing was found; rounding may decide where the name says so."""
     seat = pool.Seat(limit=60.0)

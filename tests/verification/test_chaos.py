@@ -218,6 +218,7 @@ def test_quadrature_beyond_the_admissible_range_is_refused(paper: Problem) -> No
         tensor_quadrature(paper, 16, progress=False)
 
 
+@pytest.mark.night(guard="test_samples_equal_deterministic_solves, test_chaos_and_samples_answer_alike")
 @pytest.mark.slow
 def test_probability_of_traction_agrees_with_sampling(paper: Problem) -> None:
     def largest(fields: Any) -> Any:

@@ -181,6 +181,7 @@ def test_iterations_of_the_vessel_in_true_contact(friction: float | None, limit:
     within(assemble(scene), limit, times=times)
 
 
+@pytest.mark.night(guard="test_iterations_of_the_vessel_in_true_contact")
 def test_the_lap_joint_over_its_history_also_in_a_direction_that_is_ten_times_too_stiff() -> None:
     lap, times = scenes.demo("bolted_lap_joint"), np.linspace(1.0, 6.0, 21)
     problem = assemble(lap.build_scene(lap_joint("coarse"), lap.CYCLE * (lap.REACH, 0.0, 0.0)))

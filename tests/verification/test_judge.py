@@ -283,7 +283,12 @@ NO_ANSWER: dict[str, tuple[str, dict[str, str], dict[str, str]]] = {
 }
 
 
-@pytest.mark.parametrize("name", list(NO_ANSWER))
+LONG = pytest.mark.night(guard="the other scenes without an answer")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[LONG] if name.startswith("friction") else []) for name in NO_ANSWER]
+)
 def test_no_answer_is_right_where_there_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The answer of a scene that has one, also at a tolerance of a tenth."""
     scene, changes, others = NO_ANSWER[name]
