@@ -116,14 +116,14 @@ def _begins(steps: int) -> str:
 
 
 def fitting(problem: Problem, newton: Newton, beside: float) -> Newton:
-    """The same, or none where it is to come late and its flexibility has no room. Collective.
+    """The same, or none where its flexibility has no room. Collective.
 
     Parameters
     ----------
     beside
         Bytes of the run without it.
     """
-    if newton.steps <= 1:
+    if not newton.dense:
         return newton
     room = beside + newton.memory <= available_memory()
     if problem.comm is not None:

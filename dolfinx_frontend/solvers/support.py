@@ -555,7 +555,7 @@ def check_support(result: Result) -> None:
             if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when):
                 return
             loaded = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
-            if not (loaded and (result.converged or result.status == "stagnated")):
+            if not (loaded and (result.converged or result.status in ("stagnated", NO_EQUILIBRIUM))):
                 continue
             if _check_undetermined(problem, each.resistances, reached, when, result.converged):
                 return

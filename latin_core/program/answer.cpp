@@ -154,7 +154,8 @@ std::vector<Gathered::Field> part_fields(const substructure::Laws& laws, const S
 }
 
 constexpr std::array by_severity{Status::converged, Status::inexact,  Status::max_iterations,
-                                 Status::stagnated, Status::diverged, Status::interrupted};
+                                 Status::stagnated, Status::diverged, Status::no_equilibrium,
+                                 Status::interrupted};
 
 double known(double error) {
   return std::isfinite(error) ? error : std::numeric_limits<double>::quiet_NaN();

@@ -42,7 +42,7 @@ Count count(Index steps) {
   substructure::GlobalStage global(laws);
   Newton newton(global, amplitudes);
   State state = zero(laws, steps);
-  EXPECT_EQ(newton.solve(state, 1e-10).solved, steps);
+  EXPECT_EQ(newton.solve(state, 1e-10, steps).solved, steps);
   // on springs mu k, whose forces the outer iteration would take back
   const double held = 6.0 * substructure::Flexibility::mu;
   EXPECT_NEAR(end(laws, state, 0), -3.0, 3.0 * held);

@@ -59,7 +59,7 @@ def chosen(plan: Plan) -> tuple[int | str, str]:
 
 
 def test_it_begins_at_once_where_it_is_cheap_and_late_where_it_is_not() -> None:
-    times = {"times": [1.0, 2.0]}
+    times: dict[str, Any] = {"times": [2.0]}
     small, large = make_plan(blocks(4), **times), make_plan(blocks(10), **times)
     assert chosen(small) == (1, "from the first steps")
     assert "the flexibility of 432 unknowns takes" in str(small)
@@ -70,6 +70,8 @@ def test_it_begins_at_once_where_it_is_cheap_and_late_where_it_is_not() -> None:
     assert make_plan(blocks(7), **times, options=Options(rtol=1e-2)).options.newton > 1
     assert make_plan(blocks(7), **times, options=Options(rtol=1e-12)).options.newton == 1
     assert small.cost.memory > make_plan(blocks(4), **times, options=Options(newton=0)).cost.memory
+    # of several steps the way decides
+    assert "laws remember" in str(make_plan(blocks(10), times=[1.0, 2.0]))
     for asked in (0, 1, 30):
         assert make_plan(blocks(10), **times, options=Options(newton=asked)).options.newton == asked
     springs = blocks(4).with_laws({"joint": Elastic(normal=1e4, tangential=1e4)})

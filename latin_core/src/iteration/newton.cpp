@@ -26,12 +26,19 @@ constexpr int most_returns = 3;
 constexpr double farthest = 10.0;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
 constexpr double rounding_of_forces = 1e-9;
+/// Forces that differ by less, relative to those of the history, are those of one answer.
+constexpr double same_answer = 1e-6;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
 /// Springs on the modes, relative to the search direction: the first, how much weaker the next is, and the last.
 constexpr double first_spring = 0.1;
 constexpr double weaker = 0.1;
 constexpr double last_spring = 1e-9;
+/// Springs weaker than this that carry no less than this share of what they did when they were as much stronger hold
+/// what slides away; what they carry is rounding below that share of the forces.
+constexpr double weak_spring = 1e-4;
+constexpr double constant_share = 0.5;
+constexpr double carries_nothing = 1e-6;
 
 }  // namespace
 
@@ -53,6 +60,7 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
     modes_.resize(jumps.rows(), 0);
   }
   lengths_ = reach(system_.lengths());
+  remembers_ = system_.laws().remembers_anywhere();
 }
 
 /// Forces count by the work that they do on the bodies: the meshes do not determine all of them, and what moves
@@ -72,6 +80,18 @@ Vector Newton::imbalance(const Column& column) const {
   return column.loads +
          flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(column.y) -
          tangent_system_.modal_stiffness().cwiseProduct(column.a);
+}
+
+/// Jumps that the loads alone leave where the search directions hold the bodies.
+double Newton::reach_of_loads(const State& state) {
+  State none{Matrix::Zero(state.data.rows(), state.data.cols()), state.traces};
+  double farthest_jump = 0.0;
+  for (Index index = 0; index < state.data.cols(); ++index) {
+    apply(none, index);
+    const Matrix jump = system_.free_jumps(none.data.col(index), none.traces.col(index));
+    farthest_jump = std::max(farthest_jump, reach(jump));
+  }
+  return farthest_jump;
 }
 
 double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
@@ -122,14 +142,16 @@ void Newton::evaluate(Column& column) {
                            system_.follow_first(imbalance(column).norm()));
 }
 
-NewtonOutcome Newton::solve(State& state, double tolerance) {
-  return system_.with_all(state, [&](State& all) { return solve_all(all, tolerance); });
+NewtonOutcome Newton::solve(State& state, double tolerance, Index most) {
+  return system_.with_all(state, [&](State& all) { return solve_all(all, tolerance, most); });
 }
 
-NewtonOutcome Newton::solve_all(State& state, double tolerance) {
+NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   NewtonOutcome outcome;
-  const Index columns = state.data.cols();
+  const Index columns = std::min(most, state.data.cols());
+  slides_ = false;
   scale_ = size_of_forces(state.data, state.traces);
+  far_ = farthest * std::max(lengths_, reach_of_loads(state));
   double stages = 0.0;
   for (Index index = 0; index < columns; ++index) {
     if (index % system_.laws().steps() == 0) {
@@ -142,6 +164,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance) {
     Column column = begin(state, index);
     stages += 3.0;
     if (!solve_column(state, column, tolerance, outcome.steps)) {
+      outcome.slides = slides_ && state.data.cols() == system_.laws().steps();
       break;
     }
     last_ = {column.force(), column.jump, {}};
@@ -158,37 +181,48 @@ Newton::Predictor Newton::predictor_of(Index index, const Vector& force, const V
 }
 
 bool Newton::solve_column(State& state, Column& column, double tolerance, Index& steps) {
-  const bool later = column.index % system_.laws().steps() > 0;
+  const Index index = column.index;
+  const bool later = index % system_.laws().steps() > 0;
   // of a step that nobody has looked at nothing is known: that zero answers its loads is not the way of the history
-  const bool known =
-      !later || system_.follow_first(!state.data.col(column.index).isZero(0.0));
-  if (known && column.norm < close * scale_ && attempt(column, tolerance, {}, steps)) {
+  // nor of one that has flown away
+  const bool known = reach(column.jump) <= std::max(far_, farthest * reach(last_.jump)) &&
+                     (!(later && remembers_) || !state.data.col(index).isZero(0.0));
+  if (system_.follow_first(known) && column.norm < close * scale_ && attempt(column, tolerance, {}, steps)) {
     commit(state, column);
     return true;
   }
-  const Index index = column.index;
   const State own{state.data.col(index), state.traces.col(index)};
+  const Column of_own = column;
   if (later) {
     state.data.col(index) = state.data.col(index - 1);
     apply(state, index);
     column = begin(state, index);
   }
+  const bool found = march(column, tolerance, steps);
+  const bool same = found && !known && of_own.norm <= tolerance * scale_ &&
+                    size_of(column.force() - of_own.force()) <= same_answer * scale_;
+  if ((found || slides_) && !same) {
+    commit(state, column);
+  } else {
+    // that it was there is found again, but for rounding
+    state.data.col(index) = own.data;
+    state.traces.col(index) = own.traces;
+    column = same ? of_own : column;
+  }
+  return found;
+}
+
+/// From the answer of the step before.
+bool Newton::march(Column& column, double tolerance, Index& steps) {
   const Column start = column;
   for (const Way way : {Way{&last_, false}, Way{&last_, true}, Way{nullptr, true}}) {
     column = start;
     if (attempt(column, tolerance, way, steps)) {
-      commit(state, column);
       return true;
     }
   }
   column = start;
-  if (drift(column, tolerance, steps)) {
-    commit(state, column);
-    return true;
-  }
-  state.data.col(index) = own.data;
-  state.traces.col(index) = own.traces;
-  return false;
+  return drift(column, tolerance, steps);
 }
 
 void Newton::commit(State& state, const Column& column) {
@@ -203,9 +237,7 @@ void Newton::apply(State& state, Index index) {
 
 /// Newton's steps from here, until they arrive or go in circles.
 bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
-  const double far =
-      farthest * std::max({reach(column.jump), reach(column.jump - own_.cwiseProduct(column.before)),
-                           reach(last_.jump), lengths_});
+  const double far = std::max(far_, farthest * reach(last_.jump));
   const Index most = way.searched ? most_searched : most_steps;
   std::map<long, int> seen;
   double share = 0.0;
@@ -251,35 +283,47 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
   if (tangent_system_.modes() == 0) {
     return false;
   }
-  bool found = true;
+  std::vector<double> carried;
   double before = 0.0;
-  for (double spring = first_spring; found && spring >= last_spring; spring *= weaker) {
+  bool found = true;
+  for (double spring = first_spring; found && !slides_ && spring >= last_spring;
+       spring *= weaker) {
     tangent_system_.hold(spring);
-    Column next = column;
-    if (before > 0.0) {
-      // what hangs on a spring alone goes as much further as that is weaker
-      const Vector further = (before / spring - 1.0) * next.a;
-      next.a += further;
-      next.jump += tangent_system_.moved(Vector::Zero(next.y.size()), further);
-    }
-    found = false;
-    const Column last = column;
-    for (Column from : before > 0.0 ? std::vector{next, last} : std::vector{last}) {
-      evaluate(from);
-      for (const bool searched : {false, true}) {
-        Column trial = from;
-        if (!found && attempt(trial, tolerance, {nullptr, searched}, steps)) {
-          found = true;
-          column = std::move(trial);
-        }
-      }
-    }
+    found = settle(column, before > 0.0 ? before / spring : 1.0, tolerance, steps);
     before = spring;
+    carried.push_back(system_.follow_first(spring * column.a.norm()));
+    const double size = std::max(scale_, size_of(column.force()));
+    slides_ = found && spring < weak_spring && carried.back() > carries_nothing * size &&
+              carried.back() > constant_share * carried[carried.size() - 2];
   }
   tangent_system_.hold(0.0);
   evaluate(column);
-  return found && (attempt(column, tolerance, {}, steps) ||
-                   attempt(column, tolerance, {nullptr, true}, steps));
+  return found && !slides_ &&
+         (attempt(column, tolerance, {}, steps) ||
+          attempt(column, tolerance, {nullptr, true}, steps));
+}
+
+/// With springs on the modes, from where springs so many times as strong have left the column.
+bool Newton::settle(Column& column, double ratio, double tolerance, Index& steps) {
+  std::vector<Column> starts{column};
+  if (ratio > 1.0) {
+    // what hangs on a spring alone goes as much further as that is weaker
+    const Vector further = (ratio - 1.0) * column.a;
+    starts.insert(starts.begin(), column);
+    starts.front().a += further;
+    starts.front().jump += tangent_system_.moved(Vector::Zero(column.y.size()), further);
+  }
+  for (Column& start : starts) {
+    evaluate(start);
+    for (const bool searched : {false, true}) {
+      Column trial = start;
+      if (attempt(trial, tolerance, {nullptr, searched}, steps)) {
+        column = std::move(trial);
+        return true;
+      }
+    }
+  }
+  return false;
 }
 
 double Newton::take(Column& column, const Vector& dy, const Vector& da, double share,

@@ -47,7 +47,7 @@ bool NewtonProposal::hurry() {
   return can;
 }
 
-NewtonOutcome NewtonProposal::propose(Iterate from) {
+NewtonOutcome NewtonProposal::propose(Iterate from, Index most) {
   if (!possible()) {
     return {};
   }
@@ -59,13 +59,14 @@ NewtonOutcome NewtonProposal::propose(Iterate from) {
   State proposal = from.state;
   NewtonOutcome outcome;
   try {
-    outcome = solver_(proposal);
+    outcome = solver_(proposal, most);
   } catch (const NumericalError&) {
     solver_ = {};  // a body without a usable flexibility: the accelerated iteration goes on alone
     return {};
   }
   made_ = true;
   columns_ = outcome.solved;
+  slides_ = outcome.slides;
   step_.data = proposal.data - from.state.data;
   step_.traces = proposal.traces - from.state.traces;
   residual_.resize(step_.data.rows(), step_.data.cols());

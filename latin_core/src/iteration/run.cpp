@@ -24,6 +24,8 @@ constexpr Index own_steps = 3;
 /// A search ends when the residual has fallen to this, times the tolerance.
 constexpr double search_until = 1e-3;
 constexpr Index most_checks = 5;
+/// Steps of Newton's method that refine what it has found before a column without equilibrium.
+constexpr Index most_refined = 4;
 /// Limits below this are not to be exceeded by a search.
 constexpr Index least_room = 50;
 /// A check that refuted an estimate is repeated when the residual has fallen by this.
@@ -108,6 +110,13 @@ Summary Run::run(bool traces_known) {
   begin(traces_known);
   for (;;) {
     Measured measured = observe();
+    if (newton_.slides()) {
+      const State slid = end_of_march();
+      finish(Status::no_equilibrium);
+      state_.data += slid.data;
+      state_.traces += slid.traces;
+      return summary_;
+    }
     std::optional<Status> status = stopping_.judge(
         summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
     if (rounding_ && status != Status::interrupted) {
@@ -409,12 +418,54 @@ void Run::advance(const Measured& measured) {
   error_.count_step();
 }
 
-void Run::propose() {
+/// The steps before that in which something slides away are answers, and what is known of them is said.
+/// @return the others: what slides is where weak springs hold it, beside which no error is small
+State Run::end_of_march() {
+  const Index solved = newton_.columns();
+  state_.data += newton_.step().data;
+  if (!stages_.try_evaluate(at())) {
+    stages_.evaluate(at());
+  }
+  newton_.withdraw();
+  State slid{Matrix::Zero(state_.data.rows(), state_.data.cols()),
+             Matrix::Zero(state_.data.rows(), state_.data.cols())};
+  const auto others = Eigen::lastN(state_.data.cols() - solved);
+  slid.data(Eigen::all, others).swap(state_.data(Eigen::all, others));
+  slid.traces(Eigen::all, others).swap(state_.traces(Eigen::all, others));
+  residual_(Eigen::all, others).setZero();
+  Measured measured = stages_.measure(at(), history_, stop_);
+  errors_ = Matrix::Constant(errors_.rows(), errors_.cols(), unknown_error);
+  const substructure::ColumnGroups groups = stages_.laws().groups();
+  for (Index round = 0; solved > 0 && round < most_refined; ++round) {
+    propose(solved);
+    if (!newton_.made() || newton_.columns() < solved) {
+      break;
+    }
+    const Matrix errors = error_.by_step(newton_.step(), 0.0, measured);
+    double largest = 0.0;
+    for (Index column = 0; column < solved; ++column) {
+      errors_.row(groups.of(column)) = errors.row(groups.of(column));
+      largest = larger(largest, errors.row(groups.of(column)).maxCoeff<keep_nan>());
+    }
+    state_.data += newton_.step().data;
+    state_.traces += newton_.step().traces;
+    if (structure_.communicator().largest(largest) <= options_.rtol) {
+      break;
+    }
+  }
+  summary_.error = unknown_error;
+  report(measured);
+  return slid;
+}
+
+void Run::propose() { propose(state_.data.cols()); }
+
+void Run::propose(Index most) {
   const double before = stages_.local_seconds();
   NewtonOutcome outcome;
   {
     const Timed timed(summary_.newton_s);
-    outcome = newton_.propose(at());
+    outcome = newton_.propose(at(), most);
   }
   summary_.newton_s -= stages_.local_seconds() - before + outcome.flexibility_s;
   summary_.flexibility_s += outcome.flexibility_s;
@@ -453,6 +504,7 @@ void Run::finish(Status status) {
   const double bearable = bearable_rounding * options_.rtol;
   const bool was_small = error_.largest(summary_.errors) <= bearable;
   add_rounding_of_bodies();
+  add_rounding_of_forces();
   if (!stages_.laws().linear_everywhere() && !options_.stop_on_indicator) {
     // steps that end far below the tolerance do not say how far
     summary_.errors = larger(summary_.errors, Verification::resolution(options_.rtol));
@@ -512,6 +564,30 @@ void Run::add_rounding_of_bodies() {
     }
   });
   stages_.agree();
+}
+
+/// Forces are differences of the data and of what the search directions make of displacements: where parts have moved
+/// far they are rounding, unless it is small beside what strains the bodies. Collective.
+void Run::add_rounding_of_forces() {
+  const Index columns = state_.data.cols();
+  const Vector metric = structure_.weights().cwiseProduct(structure_.inverse_directions());
+  const Matrix terms = structure_.directions().asDiagonal() * state_.traces;
+  Vector squares(2 * columns);
+  squares << (state_.data - terms).cwiseAbs2().transpose() * metric,
+      terms.cwiseAbs2().transpose() * metric;
+  structure_.communicator().sum({squares.data(), static_cast<std::size_t>(squares.size())});
+  const substructure::ColumnGroups groups = stages_.laws().groups();
+  for (Index column = 0; column < columns && stages_.laws().in_time() == nullptr; ++column) {
+    const double size = std::max(squares(column), summary_.energy);
+    if (size > 0.0) {
+      const double left = std::numeric_limits<double>::epsilon() *
+                          std::sqrt(squares(columns + column) / size);
+      if (left > options_.rtol) {
+        auto errors = summary_.errors.row(groups.of(column));
+        errors = larger(errors, left);
+      }
+    }
+  }
 }
 
 double Run::elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }

@@ -205,7 +205,7 @@ NewtonProposal::Solver Stages::newton(double tolerance) {
     return {};
   }
   if (structure().has_flexibility()) {
-    return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
+    return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state, Index most) mutable {
       double seconds = 0.0;
       if (!newton) {
         {
@@ -214,13 +214,13 @@ NewtonProposal::Solver Stages::newton(double tolerance) {
         }
         newton = std::make_shared<Newton>(global_, amplitudes_);
       }
-      NewtonOutcome outcome = newton->solve(state, tolerance);
+      NewtonOutcome outcome = newton->solve(state, tolerance, most);
       outcome.flexibility_s = seconds;
       return outcome;
     };
   }
   return [this, tolerance, system = std::shared_ptr<JoinedSystem>(),
-          subspace = std::shared_ptr<Subspace>()](State& state) mutable {
+          subspace = std::shared_ptr<Subspace>()](State& state, Index /*most*/) mutable {
     if (!subspace) {
       system = std::make_shared<JoinedSystem>(global_);
       subspace = std::make_shared<Subspace>(*system);

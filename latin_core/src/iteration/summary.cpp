@@ -14,6 +14,8 @@ std::string to_string(Status status) {
       return "inexact";
     case Status::diverged:
       return "diverged";
+    case Status::no_equilibrium:
+      return "no_equilibrium";
     case Status::interrupted:
       return "interrupted";
   }

@@ -80,6 +80,8 @@ constexpr double least_tolerance = 1e-12;
 
 /// A strain energy below this fraction of the work of the interface forces is that of a rigid motion.
 constexpr double strain_free = 1e-14;
+/// Data so many times as large as the smallest of a point are those of something that has flown: half of their digits.
+constexpr double farthest_start = 1e8;
 
 /// How much the displacements and strains of the bodies scatter between samples.
 class Scatter {
@@ -646,7 +648,12 @@ class Sweep {
     const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
     const bool reproduced = at_once && full;
     streak_ = reproduced ? streak_ + 1 : 0;
-    if (summary.status == Status::converged && (wanted || !reproduced)) {
+    // what has slid away at a loose tolerance leaves rounding to start from
+    const double size =
+        std::sqrt(structure_.communicator().sum(state.data.squaredNorm()));
+    smallest_ = size > 0.0 ? std::min(smallest_, size) : smallest_;
+    const bool near = size <= farthest_start * smallest_;
+    if (summary.status == Status::converged && near && (wanted || !reproduced)) {
       shift(state.traces, point, -1.0);
       known_.push_back(std::move(state));
       known_points_.push_back(point);
@@ -738,6 +745,7 @@ class Sweep {
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
   std::vector<State> known_;                           ///< without the answer to swept loads
   std::vector<Index> known_points_;
+  double smallest_ = std::numeric_limits<double>::infinity();  ///< norm of the data of a point
   bool stop_ = false;  ///< a callback of this rank asked for the end
   const Callback callback_;
   const PointCallback& point_callback_;

@@ -22,7 +22,8 @@ namespace latin::iteration {
 /// the first iteration takes the laws linearised where that step has left them (what was closed sticks, what was open
 /// stays open, what was damaged unloads), and no step moves anything much further than the jumps are large. Where
 /// whole steps go in circles, steps are shortened by the residual, and at last the modes are held by springs that
-/// become ever weaker. What none of these solves ends the march: the columns before it are answers.
+/// become ever weaker: where these end up carrying a constant share of the loads, however weak they are, something
+/// slides away. What none of these solves ends the march: the columns before it are answers.
 ///
 /// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: see TangentSystem.
 ///
@@ -40,7 +41,8 @@ class Newton {
   /// Solve column after column, until one of them fails. Collective.
   /// @param state of the iterate; replaced in the columns that are solved
   /// @param tolerance    on the forces, relative to the largest column of them
-  NewtonOutcome solve(State& state, double tolerance);
+  /// @param most         columns that are solved
+  NewtonOutcome solve(State& state, double tolerance, Index most);
 
   [[nodiscard]] const TangentSystem& tangent_system() const { return tangent_system_; }
   /// The laws of this rank.
@@ -73,14 +75,17 @@ class Newton {
     const Predictor* predictor = nullptr;
     bool searched = false;
   };
-  NewtonOutcome solve_all(State& state, double tolerance);
+  NewtonOutcome solve_all(State& state, double tolerance, Index most);
   [[nodiscard]] double size_of_forces(const Matrix& data, const Matrix& traces) const;
+  [[nodiscard]] double reach_of_loads(const State& state);
   [[nodiscard]] Column begin(const State& state, Index index);
   /// From where an iteration is, if that is near, and else from the step before.
   [[nodiscard]] bool solve_column(State& state, Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool march(Column& column, double tolerance, Index& steps);
   [[nodiscard]] Predictor predictor_of(Index index, const Vector& force, const Vector& jump) const;
   [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
   /// @param share of the step, or less
@@ -111,7 +116,10 @@ class Newton {
   TangentSystem tangent_system_;
   JoinedSystem::Memory memory_;  ///< of the columns before
   Predictor last_;               ///< of the answer of the column before
+  bool remembers_ = false;       ///< whether the way to an answer matters
   double scale_ = 0.0;           ///< size of the forces
+  bool slides_ = false;          ///< whether the last drift led away
+  double far_ = 0.0;             ///< reach of a step
   double lengths_ = 0.0;         ///< reach of the gaps and of what else the laws impose on the jumps
 };
 

@@ -12,6 +12,7 @@ namespace latin::iteration {
 /// What Newton's method did with the columns of an iterate.
 struct NewtonOutcome {
   Index solved = 0;     ///< columns solved, from the first; the others stay as they were
+  bool slides = false;  ///< whether the next one has no equilibrium on the way there: something slides away
   double stages = 0.0;  ///< work in global stages of all columns, the factorisations not counted
   Index steps = 0;      ///< Newton steps of single columns
   double flexibility_s = 0.0;  ///< seconds of the flexibility of the bodies, where it was made
@@ -24,7 +25,8 @@ struct NewtonOutcome {
 class NewtonProposal {
  public:
   /// Solve from a state: its columns are replaced. @throws NumericalError where there is no such method
-  using Solver = std::function<NewtonOutcome(State&)>;
+  /// @param most columns that are solved
+  using Solver = std::function<NewtonOutcome(State&, Index most)>;
   /// Residual of a state: the local stage.
   using Residual = std::function<void(const State&, Matrix&)>;
 
@@ -49,7 +51,9 @@ class NewtonProposal {
 
   /// Where Newton's method leads from an iterate; nothing if that is not finite, or an answer already.
   /// @return what it took
-  NewtonOutcome propose(Iterate from);
+  NewtonOutcome propose(Iterate from) { return propose(from, from.state.data.cols()); }
+  /// The same in the first columns alone.
+  NewtonOutcome propose(Iterate from, Index most);
   /// Forget the proposal: the iterate is another.
   void withdraw() { made_ = false; }
   [[nodiscard]] bool made() const { return made_; }
@@ -57,6 +61,10 @@ class NewtonProposal {
   [[nodiscard]] bool whole() const { return made_ && columns_ == step_.data.cols(); }
   /// Whether some proposal has failed.
   [[nodiscard]] bool failed_before() const { return failures_ > 0; }
+  /// Columns that the proposal has solved.
+  [[nodiscard]] Index columns() const { return columns_; }
+  /// Whether it says that the next one has no equilibrium.
+  [[nodiscard]] bool slides() const { return made_ && slides_; }
 
   /// The proposed change of data and traces.
   [[nodiscard]] const State& step() const { return step_; }
@@ -82,6 +90,7 @@ class NewtonProposal {
   double norm_ = 0.0;    ///< |residual_|
   bool made_ = false;
   bool tried_ = false;
+  bool slides_ = false;
   Index columns_ = 0;         ///< that the proposal has solved
   Index solved_ = 0;          ///< that the last one followed had solved
   Index wait_ = 0;            ///< iterations until the next proposal

@@ -62,10 +62,13 @@ class Run {
   [[nodiscard]] bool searches() const;
   void advance(const Measured& measured);
   void propose();
+  void propose(Index most);
   bool follow(const Measured& measured);
+  State end_of_march();
   void finish(Status status);
   void refuse_none();
   void add_rounding_of_bodies();
+  void add_rounding_of_forces();
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   const substructure::Structure& structure_;

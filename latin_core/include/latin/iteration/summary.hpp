@@ -16,6 +16,7 @@ enum class Status {
   stagnated,       ///< the error stopped falling: a direction far off, or no answer
   inexact,         ///< what is left is rounding, and more than the tolerance
   diverged,        ///< the residual grew beyond any use, or became NaN
+  no_equilibrium,  ///< what the loads move slides on as far as it is let: the steps before that are answers
   interrupted      ///< a callback asked for what is done so far
 };
 std::string to_string(Status status);
