@@ -82,14 +82,15 @@ Vector Newton::imbalance(const Column& column) const {
          tangent_system_.modal_stiffness().cwiseProduct(column.a);
 }
 
-/// Jumps that the loads alone leave where the search directions hold the bodies.
+/// Jumps that the loads alone leave, where no interface pushes and nothing moves as a whole.
 double Newton::reach_of_loads(const State& state) {
   State none{Matrix::Zero(state.data.rows(), state.data.cols()), state.traces};
   double farthest_jump = 0.0;
   for (Index index = 0; index < state.data.cols(); ++index) {
     apply(none, index);
-    const Matrix jump = system_.free_jumps(none.data.col(index), none.traces.col(index));
-    farthest_jump = std::max(farthest_jump, reach(jump));
+    const Column column = begin(none, index);
+    farthest_jump = std::max({farthest_jump, reach(column.jump),
+                              reach(column.jump - own_.cwiseProduct(column.before))});
   }
   return farthest_jump;
 }
@@ -151,6 +152,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   const Index columns = std::min(most, state.data.cols());
   slides_ = false;
   scale_ = size_of_forces(state.data, state.traces);
+  memory_ = system_.blank();
   far_ = farthest * std::max(lengths_, reach_of_loads(state));
   double stages = 0.0;
   for (Index index = 0; index < columns; ++index) {
