@@ -4,6 +4,8 @@
 time and memory. What is different beyond the errors that were said at the freeze is listed, and so are counts
 that grew; a difference that has no row in ``frozen/differences.md`` is a failure. ``--freeze`` writes what
 the library answers now into the file: of the groups and scenes that are chosen only, the others are kept.
+``--accept`` enters the new answers of scenes all of whose differences have a row, and of those that were bad
+and are right now: a later state is held against them.
 """
 
 from __future__ import annotations
@@ -252,7 +254,7 @@ def freeze(given: argparse.Namespace, python: str, known: Record) -> int:
 def check(given: argparse.Namespace, python: str, known: Record) -> int:
     from frozen import compare, store
 
-    _, records = store.read(given.file)
+    head, records = store.read(given.file)
     names = store.chosen(records, given.only, given.groups)
     absent = [name for name in names if "source" not in records[name] and name not in known["scenes"]]
     found: dict[str, Record] = {}
@@ -271,11 +273,19 @@ def check(given: argparse.Namespace, python: str, known: Record) -> int:
     solve(tasks_of([n for n in names if n not in absent], known, records, False), given.jobs, python, done)
     different = [each for name in sorted(found) for each in compare.differences(records[name], found[name])]
     different += [compare.Difference(name, "scene", "vanished", "a scene", "nothing") for name in absent]
-    excused = store.excused(store.DIFFERENCES.read_text(encoding="utf-8"))
-    open_ = [each for each in different if (each.scene, each.key) not in excused]
+    table = store.rows(store.DIFFERENCES.read_text(encoding="utf-8"))
+    open_ = [each for each in different if store.excusing(table, each.scene, each.key) is None]
     grown = [each for name in sorted(found) for each in compare.grown(records[name], found[name])]
     better = [name for name in sorted(found) if compare.mended(records[name], found[name])]
     _report(found, different, open_, grown, better)
+    if given.accept:
+        state = commit(given.library or MAIN.parents[1])
+        for name in {each.scene for each in different} - {each.scene for each in open_} - {*absent}:
+            records[name] = store.accepted(records[name], found[name], table, state)
+        for name in better:
+            kept = {key: each for key, each in records[name].items() if key not in ("known_bad", "what")}
+            records[name] = kept | found[name] | {"accepted": state}
+        store.write(records, head, given.file)
     if given.json is not None:
         given.json.parent.mkdir(parents=True, exist_ok=True)
         given.json.write_text(
@@ -330,6 +340,7 @@ def main() -> int:
     parser.add_argument(
         "--new", action="store_true", help="with --freeze: only scenes that are not in the file"
     )
+    parser.add_argument("--accept", action="store_true", help="enter answers that have a row or are mended")
     parser.add_argument("--groups", help="some of them, e.g. joints,cases")
     parser.add_argument(
         "--only", metavar="PATTERN", help="scenes whose name has it, or fits it as in a shell"

@@ -10,6 +10,7 @@ import lzma
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatch, fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,10 @@ FILE = FOLDER / "frozen.jsonl.xz"
 DIFFERENCES = FOLDER / "differences.md"
 FORM = 1
 DIGITS = 12
+ACCEPTED = "\n## Accepted\n"
+"""Heading of rows whose answers the corpus has."""
+ROUNDING = "rounding"
+"""First word of a check: it is what the states differ by."""
 LARGEST = 3_000_000
 """Bytes of the file."""
 
@@ -92,7 +97,7 @@ class Row:
 
 
 def rows(text: str) -> list[Row]:
-    """Rows of the table of differences.md.
+    """Rows of the table of differences.md; those that were accepted excuse nothing any more.
 
     Raises
     ------
@@ -100,7 +105,7 @@ def rows(text: str) -> list[Row]:
         A row without five cells, or with an empty one.
     """
     found = []
-    for line in text.splitlines():
+    for line in text.partition(ACCEPTED)[0].splitlines():
         if not line.startswith("|"):
             continue
         cells = [each.strip().strip("`") for each in line.strip().strip("|").split("|")]
@@ -112,15 +117,35 @@ def rows(text: str) -> list[Row]:
     return found
 
 
-def excused(text: str) -> set[tuple[str, str]]:
-    """Scene and key of every row."""
-    return {(row.scene, row.key) for row in rows(text)}
+def excusing(table: Iterable[Row], scene: str, key: str) -> Row | None:
+    """The row of a difference; scene and key of a row may be patterns, ``*`` for anything."""
+    for row in table:
+        if _fits(scene, row.scene) and _fits(key, row.key):
+            return row
+    return None
+
+
+def _fits(name: str, pattern: str) -> bool:
+    return name == pattern or fnmatchcase(name, pattern.replace("[", "[[]"))
+
+
+def accepted(old: Record, new: Record, table: Iterable[Row], commit: str) -> Record:
+    """A record with the answers of a later state, all of whose differences have a row.
+
+    Where the check of the row begins with ``rounding`` both states are right, and may be as far apart again.
+    """
+    rows, values = list(table), dict(new["values"])
+    for key, (value, error) in values.items():
+        row = excusing(rows, old["name"], key)
+        if row is not None and row.check.startswith(ROUNDING) and key in old["values"]:
+            apart = abs(float(value) - float(old["values"][key][0]))
+            values[key] = [value, short(max(float(error), apart))] if math.isfinite(apart) else [value, error]
+    found = {key: new[key] for key in ("outcome", "what", "words", "said", "missing") if key in new}
+    return {**old, **found, "values": values, "accepted": commit}
 
 
 def chosen(names: Iterable[str], only: str | None, groups: str | None) -> list[str]:
     """Scenes whose name has a pattern (as in a shell, or a part of the name), of some groups (a, b)."""
-    from fnmatch import fnmatch
-
     wanted = None if groups is None else {each.strip() for each in groups.split(",")}
     return [
         name

@@ -204,10 +204,38 @@ def test_of_a_scene_known_to_be_bad_only_right_values_count() -> None:
 def test_a_row_excuses_its_scene_and_key_only() -> None:
     head = "| scene | key | old | new | check |\n|---|---|---|---|---|\n"
     text = head + "| `joints/one` | `p.u` | 1 | 1.1 | closed form of the bar |\n"
-    assert store.excused(text) == {("joints/one", "p.u")}
+    text += "| joints/two | bolt*.bending[12]* | 1 | 2 | rounding: the assembled reference |\n"
+    text += "\n## Accepted\n\n| `joints/one` | `p.u_x` | 1 | 1.1 | closed form of the bar |\n"
+    table = store.rows(text)
+    assert store.excusing(table, "joints/one", "p.u") is table[0]
+    assert store.excusing(table, "joints/two", "bolt3.bending[12].normal") is table[1]
+    others = ("joints/one", "p.u_x"), ("joints/two", "p.u"), ("joints/two", "bolt3.bending1.normal")
+    for scene, key in others:
+        assert store.excusing(table, scene, key) is None
     with pytest.raises(ValueError, match="check"):
         store.rows(head + "| joints/one | p.u | 1 | 1.1 | |\n")
-    assert not store.excused(store.DIFFERENCES.read_text(encoding="utf-8"))
+    whole = store.DIFFERENCES.read_text(encoding="utf-8").replace(store.ACCEPTED, "\n")
+    for row in store.rows(whole):
+        assert len(row.check) > 20 and not row.scene.startswith("*")
+
+
+@pytest.mark.parametrize(("check", "allowed"), [("closed form", 1e-9), ("rounding: a reference", 0.1)])
+def test_an_accepted_answer_is_what_later_ones_are_held_against(check: str, allowed: float) -> None:
+    table = [store.Row("joints/one", "p.u", "1", "1.1", check)]
+    new = record(values={"clamp.normal": [48e3, 1e-4], "p.u": [1.1, 1e-9]})
+    kept = store.accepted(record(), new, table, "abc")
+    assert kept["values"] == {"clamp.normal": [48e3, 1e-4], "p.u": [1.1, pytest.approx(allowed)]}
+    assert kept["accepted"] == "abc" and not compare.differences(kept, new)
+    assert bool(compare.differences(kept, record())) == (check == "closed form")
+
+
+def test_of_a_number_that_is_zero_its_right_value_is_asked() -> None:
+    """A sum of forces in balance is rounding, and has no size of its own."""
+    right = {"sum": [0.0, 1e-6, "balance"]}
+    old = record(right=right, values={"sum": [3e-13, 3e-22]})
+    assert not compare.differences(old, record(right=right, values={"sum": [-8e-12, 8e-21]}))
+    wrong = compare.differences(old, record(right=right, values={"sum": [2e-6, 2e-15]}))
+    assert [each.kind for each in wrong] == ["right value"]
 
 
 # --- file --------------------------------------------------------------------------------------------
@@ -237,7 +265,7 @@ def test_the_frozen_file_is_small_and_names_its_state() -> None:
     head, records = store.read()
     assert store.FILE.stat().st_size <= store.LARGEST
     assert head["commit"]
-    assert {"cases", "fixed", "joints"} <= {name.split("/")[0] for name in records}
+    assert {"campaign", "cases", "fixed", "joints", "scripts"} <= {name.split("/")[0] for name in records}
 
 
 # --- scenes ------------------------------------------------------------------------------------------
