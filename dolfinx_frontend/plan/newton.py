@@ -135,8 +135,8 @@ def fitting(problem: Problem, newton: Newton, beside: float) -> Newton:
 
 
 def _is_dense(problem: Problem, bodies: Sequence[Body], zone: int, options: Options) -> bool:
-    """Whether there is a dense flexibility of the interfaces: it and the stiffnesses of the bodies on their sides keep
-    to the memory limit (as in the kernel's ``structure.cpp``). Collective."""
+    """Whether there is a dense flexibility of the interfaces: it and the stiffnesses of the bodies on their
+    sides keep to the memory limit (as in the kernel's ``structure.cpp``). Collective."""
     numbers = sum(float(body.active) ** 2 for body in bodies)
     if problem.comm is not None:
         numbers = sum(exchanged(problem.comm, numbers))

@@ -45,8 +45,8 @@ INEXACT = "inexact"
 """Status of a direct solution that rounding has left with a larger error than asked for."""
 
 NO_EQUILIBRIUM = "no_equilibrium"
-"""Status of an answer in which no forces of the interfaces balance the loads, from some step of a history on: what the
-loads move slides on as far as it is let."""
+"""Status of an answer in which no forces of the interfaces balance the loads, from some step of a history on:
+what the loads move slides on as far as it is let."""
 
 STATUSES = ("converged", INEXACT, "max_iterations", "stagnated", "diverged", NO_EQUILIBRIUM, "interrupted")
 """How a solution ends, from the best to the worst."""

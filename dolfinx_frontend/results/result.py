@@ -21,7 +21,14 @@ from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
+from dolfinx_frontend.results.accuracy import (
+    INEXACT,
+    NO_EQUILIBRIUM,
+    Accuracy,
+    Corrected,
+    direct_status,
+    ended,
+)
 from dolfinx_frontend.results.acting import load_factors, mean_number
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
 from dolfinx_frontend.results.errors import (
@@ -136,8 +143,12 @@ class Result(Value, Face):
         count = 1 if self.times is None else len(self.times)
         if self.converged:
             return ("converged",) * count
-        good = np.cumprod(self.step_errors <= self.plan.options.rtol) > 0
-        return tuple("converged" if each else self.status for each in good)
+        errors = self.step_errors
+        good = np.cumprod(errors <= self.plan.options.rtol) > 0
+        # the steps before one without equilibrium have answers
+        known = np.isfinite(errors) & (self.status == NO_EQUILIBRIUM)
+        others = np.where(known, INEXACT, self.status)
+        return tuple("converged" if each else str(other) for each, other in zip(good, others, strict=True))
 
     @property
     def ended(self) -> str:

@@ -153,8 +153,8 @@ std::vector<Gathered::Field> part_fields(const substructure::Laws& laws, const S
   return found;
 }
 
-constexpr std::array by_severity{Status::converged, Status::inexact,  Status::max_iterations,
-                                 Status::stagnated, Status::diverged, Status::no_equilibrium,
+constexpr std::array by_severity{Status::converged,  Status::inexact,  Status::max_iterations,
+                                 Status::stagnated,  Status::diverged, Status::no_equilibrium,
                                  Status::interrupted};
 
 double known(double error) {

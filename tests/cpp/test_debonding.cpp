@@ -138,7 +138,8 @@ TEST(DebondingLaw, KnowsItsSlopes) {
   for (int trial = 0; trial < 300; ++trial) {
     const double size = 0.1 + 0.01 * (trial % 100);
     const Matrix memory = Matrix::Constant(1, 1, trial % 3 == 0 ? 0.2 * (any(random) + 1.0) : 0.0);
-    const Vector jump = (Vector(3) << size * any(random), size * any(random), size * any(random)).finished();
+    const Vector jump =
+        (Vector(3) << size * any(random), size * any(random), size * any(random)).finished();
     Matrix slopes(3, 3);
     ASSERT_TRUE(law->slopes({3, jump, c}, 0, memory, slopes));
     const double h = 1e-7;

@@ -44,7 +44,7 @@ RTOL = 1e-10
 LEFT = 10.0 * RTOL
 """What an iteration with that tolerance may leave: its estimate is good to a factor of 3."""
 TIGHT = Options(rtol=RTOL)
-STATUSES = ("stagnated", "max_iterations", "diverged")
+STATUSES = ("no_equilibrium", "stagnated", "max_iterations", "diverged")
 """Ends of an iteration that say that there is no answer."""
 
 
@@ -680,7 +680,7 @@ def all_cases() -> Iterator[Case]:
     ends = ("answer", "stagnated", "stagnated, SceneWarning")
     yield Case(row, "0.99, newton=0", lambda: jammed(0.99, newton=False), ends, note=near_limit)
     yield Case(row, "0.999999", lambda: jammed(1.0 - 1e-6), ends, note=near_limit)
-    beyond = ("stagnated, SceneWarning", "max_iterations, SceneWarning")
+    beyond = ("no_equilibrium, SceneWarning", "stagnated, SceneWarning", "max_iterations, SceneWarning")
     within = "an imbalance below 2e-3 of the loads is not told from the error of the iteration"
     gave_up = (*beyond, "stagnated", "max_iterations")
     yield Case(row, "1.000001", lambda: jammed(1.0 + 1e-6), gave_up, note=within)

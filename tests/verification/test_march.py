@@ -1,4 +1,4 @@
-"""Scenes in which the way to an answer decides, or in which there is none: Newton's method marched through the steps."""
+"""Scenes in which the way to an answer decides, or in which there is none: Newton's method in steps."""
 
 from __future__ import annotations
 
@@ -98,7 +98,8 @@ def test_glue_below_its_strength_stays_whole(ratio: float, share: float) -> None
     springs, force = strap(lf.Elastic(normal=stiffness, tangential=stiffness), 1.0, 1)
     largest = np.linalg.norm(springs.force("bond")[-1], axis=1).max()
     pull = share * strength / largest
-    law = lf.Debonding(normal=stiffness, tangential=stiffness, strength=strength, opening=ratio * strength / stiffness)
+    opening = ratio * strength / stiffness
+    law = lf.Debonding(normal=stiffness, tangential=stiffness, strength=strength, opening=opening)
     for steps in (1, 4, 16):
         result, found = strap(law, pull, steps)
         assert result.converged
@@ -172,7 +173,8 @@ def test_a_press_fit_turned_past_its_slip_torque() -> None:
 def test_a_thin_sheet_between_two_plates(modulus: float, friction: float) -> None:
     """Clamped by 4 x 12 kN, friction on both sides: both faces carry it, and no tangential resultant is left."""
     scene = lf.Scene()
-    layers = (("base", -12, 12, 210e3, 0.3, 2), ("sheet", 0, 2, modulus, 0.4, 1), ("foot", 2, 10, 70e3, 0.33, 2))
+    plates = (("base", -12, 12, 210e3, 0.3, 2), ("foot", 2, 10, 70e3, 0.33, 2))
+    layers = (*plates, ("sheet", 0, 2, modulus, 0.4, 1))
     for name, z, thick, own, nu, cells in layers:
         box = geometry.box((200, 120, thick), (14, 7, cells), origin=(-100, -60, z), cell="hexahedron")
         scene.substructure(name, box, lf.LinearElastic(own, nu), degree=1)

@@ -180,8 +180,7 @@ void Debonding::slopes(PointValues jump, PointValues flexibility, const std::arr
   }
   // K = secant - u v^T; (1 + K c)^-1 K by Sherman and Morrison
   const double a_of_law = point.law.first / (point.law.last - point.law.first);
-  const double soft =
-      damages ? a_of_law * point.law.last / (reached * reached * reached) : 0.0;
+  const double soft = damages ? a_of_law * point.law.last / (reached * reached * reached) : 0.0;
   double product = 0.0;
   for (std::size_t a = 0; a < size; ++a) {
     product += grows[a] * flexibility[a] * opened[a] / (1.0 + stiffness[a] * flexibility[a]);

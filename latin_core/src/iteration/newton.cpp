@@ -21,8 +21,10 @@ constexpr double enough = 0.1;
 /// A residual that comes back to these digits so often goes in circles.
 constexpr double digits = 1e3;
 constexpr int most_returns = 3;
-/// A step moves nothing further than so many times what the jumps, the gaps and the loads are large: what nothing
-/// holds yet flies no further than it can come back from.
+/// What hangs on a stiffness below this, relative to the search direction, hangs on nothing: some times that of a rigid
+/// motion, see Flexibility. A step moves that no
+/// further than so many times what the jumps, the gaps and the loads are large: it may touch something on the way.
+constexpr double nothing = 1e-10;
 constexpr double farthest = 10.0;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
 constexpr double rounding_of_forces = 1e-9;
@@ -89,8 +91,8 @@ double Newton::reach_of_loads(const State& state) {
   for (Index index = 0; index < state.data.cols(); ++index) {
     apply(none, index);
     const Column column = begin(none, index);
-    farthest_jump = std::max({farthest_jump, reach(column.jump),
-                              reach(column.jump - own_.cwiseProduct(column.before))});
+    farthest_jump = std::max(
+        {farthest_jump, reach(column.jump), reach(column.jump - own_.cwiseProduct(column.before))});
   }
   return farthest_jump;
 }
@@ -139,8 +141,8 @@ Newton::Column Newton::begin(const State& state, Index index) {
 void Newton::evaluate(Column& column) {
   column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
   column.moved = tangent_system_.moved(column.phi, Vector());
-  column.norm = std::hypot(norm(column.phi, column.moved),
-                           system_.follow_first(imbalance(column).norm()));
+  column.norm =
+      std::hypot(norm(column.phi, column.moved), system_.follow_first(imbalance(column).norm()));
 }
 
 NewtonOutcome Newton::solve(State& state, double tolerance, Index most) {
@@ -189,7 +191,8 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
   // nor of one that has flown away
   const bool known = reach(column.jump) <= std::max(far_, farthest * reach(last_.jump)) &&
                      (!(later && remembers_) || !state.data.col(index).isZero(0.0));
-  if (system_.follow_first(known) && column.norm < close * scale_ && attempt(column, tolerance, {}, steps)) {
+  if (system_.follow_first(known) && column.norm < close * scale_ &&
+      attempt(column, tolerance, {}, steps)) {
     commit(state, column);
     return true;
   }
@@ -273,7 +276,8 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     }
     ++steps;
     const double moves = reach(tangent_system_.moved(dy, da) - own_.cwiseProduct(dy));
-    share = system_.follow_first(far > 0.0 && moves > far ? far / moves : 1.0);
+    const bool flies = nothing * da.norm() > size && far > 0.0 && moves > far;
+    share = system_.follow_first(flies ? far / moves : 1.0);
     share = take(column, dy, da, share, way.searched && !predicted);
   }
   return false;
@@ -288,21 +292,36 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
   std::vector<double> carried;
   double before = 0.0;
   bool found = true;
-  for (double spring = first_spring; found && !slides_ && spring >= last_spring;
-       spring *= weaker) {
+  for (double spring = first_spring; found && spring >= last_spring; spring *= weaker) {
     tangent_system_.hold(spring);
     found = settle(column, before > 0.0 ? before / spring : 1.0, tolerance, steps);
     before = spring;
     carried.push_back(system_.follow_first(spring * column.a.norm()));
     const double size = std::max(scale_, size_of(column.force()));
-    slides_ = found && spring < weak_spring && carried.back() > carries_nothing * size &&
-              carried.back() > constant_share * carried[carried.size() - 2];
+    // further away than all that it could meet
+    const bool gone = system_.follow_first(reach(column.jump) > far_);
+    if (found && gone && spring < weak_spring && carried.back() > carries_nothing * size &&
+        carried.back() > constant_share * carried[carried.size() - 2]) {
+      slides_ = !hangs(column, carried.back());
+      break;
+    }
   }
   tangent_system_.hold(0.0);
   evaluate(column);
   return found && !slides_ &&
          (attempt(column, tolerance, {}, steps) ||
           attempt(column, tolerance, {nullptr, true}, steps));
+}
+
+/// Whether something holds what so much pulls at, however soft it is: where the springs are taken away.
+bool Newton::hangs(Column column, double load) {
+  tangent_system_.hold(0.0);
+  evaluate(column);
+  Vector dy;
+  Vector da;
+  const bool answers =
+      step(column, system_.slopes(column.index, memory_, column.jump, own_), dy, da);
+  return system_.follow_first(answers && nothing * da.norm() <= load);
 }
 
 /// With springs on the modes, from where springs so many times as strong have left the column.

@@ -25,7 +25,7 @@ constexpr Index own_steps = 3;
 constexpr double search_until = 1e-3;
 constexpr Index most_checks = 5;
 /// Steps of Newton's method that refine what it has found before a column without equilibrium.
-constexpr Index most_refined = 4;
+constexpr Index most_refined = 12;
 /// Limits below this are not to be exceeded by a search.
 constexpr Index least_room = 50;
 /// A check that refuted an estimate is repeated when the residual has fallen by this.
@@ -449,6 +449,9 @@ State Run::end_of_march() {
     }
     state_.data += newton_.step().data;
     state_.traces += newton_.step().traces;
+    stages_.local(state_.data, state_.traces, residual_);
+    residual_(Eigen::all, others).setZero();
+    measured = stages_.measure(at(), history_, stop_);
     if (structure_.communicator().largest(largest) <= options_.rtol) {
       break;
     }
@@ -504,7 +507,6 @@ void Run::finish(Status status) {
   const double bearable = bearable_rounding * options_.rtol;
   const bool was_small = error_.largest(summary_.errors) <= bearable;
   add_rounding_of_bodies();
-  add_rounding_of_forces();
   if (!stages_.laws().linear_everywhere() && !options_.stop_on_indicator) {
     // steps that end far below the tolerance do not say how far
     summary_.errors = larger(summary_.errors, Verification::resolution(options_.rtol));
@@ -564,30 +566,6 @@ void Run::add_rounding_of_bodies() {
     }
   });
   stages_.agree();
-}
-
-/// Forces are differences of the data and of what the search directions make of displacements: where parts have moved
-/// far they are rounding, unless it is small beside what strains the bodies. Collective.
-void Run::add_rounding_of_forces() {
-  const Index columns = state_.data.cols();
-  const Vector metric = structure_.weights().cwiseProduct(structure_.inverse_directions());
-  const Matrix terms = structure_.directions().asDiagonal() * state_.traces;
-  Vector squares(2 * columns);
-  squares << (state_.data - terms).cwiseAbs2().transpose() * metric,
-      terms.cwiseAbs2().transpose() * metric;
-  structure_.communicator().sum({squares.data(), static_cast<std::size_t>(squares.size())});
-  const substructure::ColumnGroups groups = stages_.laws().groups();
-  for (Index column = 0; column < columns && stages_.laws().in_time() == nullptr; ++column) {
-    const double size = std::max(squares(column), summary_.energy);
-    if (size > 0.0) {
-      const double left = std::numeric_limits<double>::epsilon() *
-                          std::sqrt(squares(columns + column) / size);
-      if (left > options_.rtol) {
-        auto errors = summary_.errors.row(groups.of(column));
-        errors = larger(errors, left);
-      }
-    }
-  }
 }
 
 double Run::elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }

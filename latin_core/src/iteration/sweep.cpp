@@ -649,8 +649,7 @@ class Sweep {
     const bool reproduced = at_once && full;
     streak_ = reproduced ? streak_ + 1 : 0;
     // what has slid away at a loose tolerance leaves rounding to start from
-    const double size =
-        std::sqrt(structure_.communicator().sum(state.data.squaredNorm()));
+    const double size = std::sqrt(structure_.communicator().sum(state.data.squaredNorm()));
     smallest_ = size > 0.0 ? std::min(smallest_, size) : smallest_;
     const bool near = size <= farthest_start * smallest_;
     if (summary.status == Status::converged && near && (wanted || !reproduced)) {

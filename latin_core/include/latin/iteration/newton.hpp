@@ -20,7 +20,7 @@ namespace latin::iteration {
 ///
 /// The columns of a history are solved in their order, each from the answer of the step before it under its own loads:
 /// the first iteration takes the laws linearised where that step has left them (what was closed sticks, what was open
-/// stays open, what was damaged unloads), and no step moves anything much further than the jumps are large. Where
+/// stays open, what was damaged unloads), and no step moves what nothing holds much further than the jumps are large. Where
 /// whole steps go in circles, steps are shortened by the residual, and at last the modes are held by springs that
 /// become ever weaker: where these end up carrying a constant share of the loads, however weak they are, something
 /// slides away. What none of these solves ends the march: the columns before it are answers.
@@ -85,6 +85,7 @@ class Newton {
   [[nodiscard]] Predictor predictor_of(Index index, const Vector& force, const Vector& jump) const;
   [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool hangs(Column column, double load);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
@@ -120,7 +121,7 @@ class Newton {
   double scale_ = 0.0;           ///< size of the forces
   bool slides_ = false;          ///< whether the last drift led away
   double far_ = 0.0;             ///< reach of a step
-  double lengths_ = 0.0;         ///< reach of the gaps and of what else the laws impose on the jumps
+  double lengths_ = 0.0;  ///< reach of the gaps and of what else the laws impose on the jumps
 };
 
 }  // namespace latin::iteration

@@ -68,7 +68,6 @@ class Run {
   void finish(Status status);
   void refuse_none();
   void add_rounding_of_bodies();
-  void add_rounding_of_forces();
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   const substructure::Structure& structure_;

@@ -17,7 +17,7 @@ enum class Status {
   inexact,         ///< what is left is rounding, and more than the tolerance
   diverged,        ///< the residual grew beyond any use, or became NaN
   no_equilibrium,  ///< what the loads move slides on as far as it is let: the steps before that are answers
-  interrupted      ///< a callback asked for what is done so far
+  interrupted  ///< a callback asked for what is done so far
 };
 std::string to_string(Status status);
 
