@@ -428,3 +428,28 @@ def plates_pulled_apart_samples(rtol: float) -> Any:
 
 
 PRELOADS = [12e3, 14e3, 16e3, 17e3, 18e3, 20e3, 22e3, 24e3]
+
+
+SLAB = 2.4e-5 * 60 * 40 * 10
+"""N: weight of a slab of concrete."""
+SLOPE = np.array((np.sin(0.2), 0.0, -np.cos(0.2)))
+WEIGHT = {
+    # on the first side, which is the upper one of j0 alone
+    f"j{k}.{column}": Right((3 - k if k else -3) * SLAB * float(SLOPE[axis]), BALANCE, "weight of the slabs")
+    for k in range(3)
+    for column, axis in (("force_x", 0), ("force_z", 2))
+}
+
+
+@scene("joints", right=WEIGHT)
+def slabs_on_a_slope(rtol: float) -> Any:
+    """Three slabs on a slope of 0.2, mu = 0.5: nothing but their weight loads them."""
+    made = lf.Scene()
+    for k in range(3):
+        slab = lf.geometry.box((60, 40, 10), (6, 4, 2), (0, 0, 10 * k), cell="hexahedron")
+        weight = tuple(2.4e-5 * SLOPE)
+        made.substructure(f"slab{k}", slab, lf.LinearElastic(30.0, 0.2), degree=1, body_force=weight)
+    made.interface("j0", "slab0:z0", lf.Contact(friction=0.5))
+    for k in (1, 2):
+        made.interface(f"j{k}", f"slab{k - 1}:z1", f"slab{k}:z0", lf.Contact(friction=0.5))
+    return read(solved(lf.assemble(made), rtol), *WEIGHT)
