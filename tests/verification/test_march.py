@@ -51,7 +51,7 @@ def wall(result: lf.HistoryResult) -> np.ndarray[Any, Any]:
 
 
 def test_a_jam_outlasts_its_load(wedge: Any) -> None:
-    """Steeper than friction lets go: with no load the wall's force is along the held direction, T / N = tan 10."""
+    """Too flat to slip out: with no load the wall's force is along the held direction, T / N = tan 10."""
     times = np.linspace(0.25, 2.0, 8)
     little = wall(pushed(wedge, [0, 1, 1e-6], times))
     result = pushed(wedge, [0, 1, 0], times)
@@ -171,7 +171,7 @@ def test_a_press_fit_turned_past_its_slip_torque() -> None:
 
 @pytest.mark.parametrize("modulus, friction", [(20.0, 0.12), (200.0, 0.5), (2000.0, 0.12)])
 def test_a_thin_sheet_between_two_plates(modulus: float, friction: float) -> None:
-    """Clamped by 4 x 12 kN, friction on both sides: both faces carry it, and no tangential resultant is left."""
+    """Clamped by 4 x 12 kN, friction on both sides: both faces carry it, without a tangential resultant."""
     scene = lf.Scene()
     plates = (("base", -12, 12, 210e3, 0.3, 2), ("foot", 2, 10, 70e3, 0.33, 2))
     layers = (*plates, ("sheet", 0, 2, modulus, 0.4, 1))
