@@ -11,12 +11,12 @@ namespace latin::iteration {
 
 /// What Newton's method did with the columns of an iterate.
 struct NewtonOutcome {
-  Index solved = 0;  ///< columns solved, from the first; the others stay as they were
-  bool slides =
-      false;  ///< whether the next one has no equilibrium on the way there: something slides away
+  Index solved = 0;     ///< columns solved, from the first; the others stay as they were
   double stages = 0.0;  ///< work in global stages of all columns, the factorisations not counted
   Index steps = 0;      ///< Newton steps of single columns
   double flexibility_s = 0.0;  ///< seconds of the flexibility of the bodies, where it was made
+  bool slides =
+      false;  ///< whether the next column has no equilibrium on the way there: something slides away
 };
 
 /// When Newton's method is tried, what it proposes, and whether the run follows.
