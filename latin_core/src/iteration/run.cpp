@@ -429,10 +429,10 @@ State Run::end_of_march() {
   newton_.withdraw();
   State slid{Matrix::Zero(state_.data.rows(), state_.data.cols()),
              Matrix::Zero(state_.data.rows(), state_.data.cols())};
-  const auto others = Eigen::lastN(state_.data.cols() - solved);
-  slid.data(Eigen::all, others).swap(state_.data(Eigen::all, others));
-  slid.traces(Eigen::all, others).swap(state_.traces(Eigen::all, others));
-  residual_(Eigen::all, others).setZero();
+  const Index others = state_.data.cols() - solved;
+  slid.data.rightCols(others).swap(state_.data.rightCols(others));
+  slid.traces.rightCols(others).swap(state_.traces.rightCols(others));
+  residual_.rightCols(others).setZero();
   Measured measured = stages_.measure(at(), history_, stop_);
   errors_ = Matrix::Constant(errors_.rows(), errors_.cols(), unknown_error);
   const substructure::ColumnGroups groups = stages_.laws().groups();
@@ -450,7 +450,7 @@ State Run::end_of_march() {
     state_.data += newton_.step().data;
     state_.traces += newton_.step().traces;
     stages_.local(state_.data, state_.traces, residual_);
-    residual_(Eigen::all, others).setZero();
+    residual_.rightCols(others).setZero();
     measured = stages_.measure(at(), history_, stop_);
     if (structure_.communicator().largest(largest) <= options_.rtol) {
       break;
