@@ -94,7 +94,7 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
     saved = NONLINEAR * log10(1.0 / options.rtol) / 4.0
     steps = min(max(int(seconds / work.iteration), 1), options.max_iterations // 2)
     # which of several equilibria is the answer is a matter of the way to it: it is marched
-    path = any(law.history and (columns > 1 or not law.rubs) for law in laws)
+    path = any(law.branching and (columns > 1 or not law.rubs) for law in laws)
     if asked:
         steps = int(options.newton)
     elif path or steps <= saved or seconds <= _SMALL * work.factor:

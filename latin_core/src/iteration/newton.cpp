@@ -22,8 +22,8 @@ constexpr double enough = 0.1;
 constexpr double digits = 1e3;
 constexpr int most_returns = 3;
 /// What hangs on a stiffness below this, relative to the search direction, hangs on nothing: some times that of a rigid
-/// motion, see Flexibility. A step moves that no
-/// further than so many times what the jumps, the gaps and the loads are large: it may touch something on the way.
+/// motion, see Flexibility. A step moves that no further than so many times what the jumps, the gaps and the loads are
+/// large: it may touch something on the way.
 constexpr double nothing = 1e-10;
 constexpr double farthest = 10.0;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
@@ -67,15 +67,11 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
 
 /// Forces count by the work that they do on the bodies: the meshes do not determine all of them, and what moves
 /// nothing need not be known. Modes have no share in the flexibility: resultants count as forces do by themselves.
-double Newton::norm(const Vector& force, const Vector& moved) const {
-  const Vector given = own_.cwiseProduct(force) - moved;
+double Newton::size_of(const Vector& force) const {
+  const Vector given = own_.cwiseProduct(force) - tangent_system_.moved(force, Vector());
   const double work = given.cwiseProduct(flexibility_.areas()).dot(force);
   const Vector resultants = modes_.transpose() * force.cwiseProduct(metric_.cwiseSqrt());
   return system_.follow_first(std::sqrt(std::max(work, 0.0) + resultants.squaredNorm()));
-}
-
-double Newton::size_of(const Vector& force) const {
-  return norm(force, tangent_system_.moved(force, Vector()));
 }
 
 Vector Newton::imbalance(const Column& column) const {
@@ -140,9 +136,7 @@ Newton::Column Newton::begin(const State& state, Index index) {
 
 void Newton::evaluate(Column& column) {
   column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
-  column.moved = tangent_system_.moved(column.phi, Vector());
-  column.norm =
-      std::hypot(norm(column.phi, column.moved), system_.follow_first(imbalance(column).norm()));
+  column.norm = std::hypot(size_of(column.phi), system_.follow_first(imbalance(column).norm()));
 }
 
 NewtonOutcome Newton::solve(State& state, double tolerance, Index most) {
@@ -160,10 +154,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   for (Index index = 0; index < columns; ++index) {
     if (index % system_.laws().steps() == 0) {
       memory_ = system_.blank();
-      const Vector none = Vector::Zero(system_.unknowns());
-      last_ = predictor_of(index, none, none);
-    } else {
-      last_ = predictor_of(index, last_.force, last_.jump);
+      last_ = {Vector::Zero(system_.unknowns()), Vector::Zero(system_.unknowns()), {}};
     }
     Column column = begin(state, index);
     stages += 3.0;
@@ -180,14 +171,10 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   return outcome;
 }
 
-Newton::Predictor Newton::predictor_of(Index index, const Vector& force, const Vector& jump) const {
-  return {force, jump, system_.slopes(index, memory_, jump, own_)};
-}
-
 bool Newton::solve_column(State& state, Column& column, double tolerance, Index& steps) {
   const Index index = column.index;
   const bool later = index % system_.laws().steps() > 0;
-  // of a step that nobody has looked at nothing is known: that zero answers its loads is not the way of the history
+  // of a step that nobody has looked at nothing is known (that zero answers its loads is not the way of the history),
   // nor of one that has flown away
   const bool known = reach(column.jump) <= std::max(far_, farthest * reach(last_.jump)) &&
                      (!(later && remembers_) || !state.data.col(index).isZero(0.0));
@@ -219,6 +206,7 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
 
 /// From the answer of the step before.
 bool Newton::march(Column& column, double tolerance, Index& steps) {
+  last_.slopes = system_.slopes(column.index, memory_, last_.jump, own_);
   const Column start = column;
   for (const Way way : {Way{&last_, false}, Way{&last_, true}, Way{nullptr, true}}) {
     column = start;
@@ -265,7 +253,6 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
       column.phi = way.predictor->force +
                    tangent_system_.times(tangent, column.jump - way.predictor->jump) -
                    column.force();
-      column.moved = tangent_system_.moved(column.phi, Vector());
     } else {
       tangent = system_.slopes(column.index, memory_, column.jump, own_);
     }
@@ -275,10 +262,11 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
       return false;
     }
     ++steps;
-    const double moves = reach(tangent_system_.moved(dy, da) - own_.cwiseProduct(dy));
+    const Vector change = tangent_system_.moved(dy, da);
+    const double moves = reach(change - own_.cwiseProduct(dy));
     const bool flies = nothing * da.norm() > size && far > 0.0 && moves > far;
     share = system_.follow_first(flies ? far / moves : 1.0);
-    share = take(column, dy, da, share, way.searched && !predicted);
+    share = take(column, dy, da, change, share, way.searched && !predicted);
   }
   return false;
 }
@@ -347,10 +335,9 @@ bool Newton::settle(Column& column, double ratio, double tolerance, Index& steps
   return false;
 }
 
-double Newton::take(Column& column, const Vector& dy, const Vector& da, double share,
-                    bool searched) {
+double Newton::take(Column& column, const Vector& dy, const Vector& da, const Vector& change,
+                    double share, bool searched) {
   const Column from = column;
-  const Vector change = tangent_system_.moved(dy, da);
   const auto go = [&](double length) {
     column = from;
     column.y += length * dy;

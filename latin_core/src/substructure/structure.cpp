@@ -561,14 +561,14 @@ const Macro& Structure::macro() const {
 }
 
 bool Structure::has_flexibility() const {
-  Vector numbers = Vector::Zero(1);
+  double numbers = 0.0;
   for (const Body& body : bodies_) {
     const auto active = static_cast<double>(body.rows() > 0 ? body.active() : 0);
-    numbers(0) += active * active;
+    numbers += active * active;
   }
-  communicator_.sum({numbers.data(), 1});
+  numbers = communicator_.sum(numbers);
   const auto unknowns = static_cast<double>(total_unknowns_);
-  return memory_limit_ <= 0.0 || 8.0 * (numbers(0) + unknowns * unknowns) <= memory_limit_;
+  return memory_limit_ <= 0.0 || 8.0 * (numbers + unknowns * unknowns) <= memory_limit_;
 }
 
 const Flexibility& Structure::flexibility() const {

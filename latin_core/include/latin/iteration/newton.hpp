@@ -59,7 +59,6 @@ class Newton {
     Vector a;       ///< amplitudes of the modes
     Vector jump;    ///< j0 (at the laws' flexibility) now
     Vector phi;     ///< R(j0) - f
-    Vector moved;   ///< change of the free jumps with phi
     double norm = 0.0;
 
     [[nodiscard]] Vector force() const { return before + y; }
@@ -82,22 +81,21 @@ class Newton {
   /// From where an iteration is, if that is near, and else from the step before.
   [[nodiscard]] bool solve_column(State& state, Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool march(Column& column, double tolerance, Index& steps);
-  [[nodiscard]] Predictor predictor_of(Index index, const Vector& force, const Vector& jump) const;
   [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool hangs(Column column, double load);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
-  /// @param share of the step, or less
+  /// @param change of the free jumps with the whole step
+  /// @param share  of the step, or less
   /// @return the share that was taken
-  double take(Column& column, const Vector& dy, const Vector& da, double share, bool searched);
+  double take(Column& column, const Vector& dy, const Vector& da, const Vector& change,
+              double share, bool searched);
   /// What has changed in a column, as data and traces.
   void commit(State& state, const Column& column);
   /// Traces of the data of one column.
   void apply(State& state, Index index);
-  /// @param moved change of the free jumps with the force
-  [[nodiscard]] double norm(const Vector& force, const Vector& moved) const;
   [[nodiscard]] double size_of(const Vector& force) const;
   /// Loads on the modes that the forces of a column and the springs of a drift do not balance.
   [[nodiscard]] Vector imbalance(const Column& column) const;
