@@ -26,20 +26,6 @@ class Subspace {
   /// @param state of the iterate; replaced in the columns that are solved, and in the one that is not
   /// @param tolerance on the residual, relative to the largest column of the data
   NewtonOutcome solve(State& state, const Matrix& amplitudes, double tolerance);
-  /// Make the residual of one column smaller.
-  /// @param state     of all ranks (rows, 1) data and traces, replaced by the best found
-  /// @param before    of the columns before
-  /// @param tolerance on the norm of the residual
-  /// @param most      global stages
-  /// @return whether the tolerance was reached
-  bool improve(Index column, const JoinedSystem::Memory& before, State& state, double tolerance,
-               Index most);
-
-  /// Norm of data or residuals.
-  [[nodiscard]] double norm(ConstMatrixRef block) const;
-  /// Norm of the residual of a column, (rows, 1).
-  [[nodiscard]] double residual_norm(Index column, const JoinedSystem::Memory& before,
-                                     const State& state) const;
   /// Global stages of single columns so far, and minimisations of Gauss and Newton.
   [[nodiscard]] Index stages() const { return stages_; }
   [[nodiscard]] Index steps() const { return steps_; }
@@ -55,6 +41,20 @@ class Subspace {
     double norm = 0.0;
   };
   [[nodiscard]] Point at(Index column, const JoinedSystem::Memory& before, State state) const;
+  /// Make the residual of one column smaller.
+  /// @param state     of all ranks (rows, 1) data and traces, replaced by the best found
+  /// @param before    of the columns before
+  /// @param tolerance on the norm of the residual
+  /// @param most      global stages
+  /// @return whether the tolerance was reached
+  bool improve(Index column, const JoinedSystem::Memory& before, State& state, double tolerance,
+               Index most);
+
+  /// Norm of data or residuals.
+  [[nodiscard]] double norm(ConstMatrixRef block) const;
+  /// Norm of the residual of a column, (rows, 1).
+  [[nodiscard]] double residual_norm(Index column, const JoinedSystem::Memory& before,
+                                     const State& state) const;
   NewtonOutcome solve_all(State& state, const Matrix& amplitudes, double tolerance);
   /// One step of Gauss and Newton in the space. @return whether the residual fell by enough to go on
   bool step(Index column, const JoinedSystem::Memory& before, Point& point);
