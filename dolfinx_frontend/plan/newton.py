@@ -93,8 +93,8 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
     seconds = work.flops / _DENSE
     saved = NONLINEAR * log10(1.0 / options.rtol) / 4.0
     steps = min(max(int(seconds / work.iteration), 1), options.max_iterations // 2)
-    # which of several equilibria is the answer is a matter of the way to it: it is marched
-    path = any(law.branching and (columns > 1 or not law.rubs) for law in laws)
+    # which of several equilibria is the answer is a matter of the way to it: it is marched. Bolts lead to one
+    path = any(law.history and (columns > 1 if law.rubs else not law.bolt) for law in laws)
     if asked:
         steps = int(options.newton)
     elif path or steps <= saved or seconds <= _SMALL * work.factor:

@@ -340,11 +340,6 @@ class Law:
         return False
 
     @property
-    def branching(self) -> bool:
-        """Whether one loading may have several answers, of which the way to it decides."""
-        return self.history
-
-    @property
     def timed(self) -> bool:
         """Whether it changes in time without an amplitude, as a bolt does that is tightened at its turn."""
         return False

@@ -260,10 +260,6 @@ class Preload(Law):
         return self.until is not None or self.during is not None
 
     @property
-    def branching(self) -> bool:
-        return False
-
-    @property
     def timed(self) -> bool:
         slack = self.given("shortening", "angle", "embedding")
         return self.during is not None or bool(self.until is not None and slack)
