@@ -33,6 +33,7 @@ from dolfinx_frontend.plan.reduction import (
     factorised_stiffness,
     reduce,
 )
+from dolfinx_frontend.plan.ties import refuse
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -85,9 +86,7 @@ def _scale(problem: Problem, plan: Plan, interface: Interface) -> float:
     return problem.modulus / (plan.direction.length or problem.length)
 
 
-def _direction(
-    problem: Problem, plan: Plan, interface: Interface, fields: Fields, bodies: int
-) -> Array:
+def _direction(problem: Problem, plan: Plan, interface: Interface, fields: Fields, bodies: int) -> Array:
     """Search direction k of an interface, (components * m,), the same on both sides."""
     given = plan.direction.given.get(interface.name)
     usual = problem.modulus / problem.length
@@ -149,9 +148,7 @@ def _law(interface: Interface, fields: Fields) -> str | _core.Law:
             f"{', '.join(sorted(wanted)) or 'none'}, got {', '.join(sorted(law.values)) or 'none'}"
         )
     if compiled.history and not law.history:
-        raise SceneError(
-            f"interface {interface.name!r}: law {compiled.name!r} remembers: give history=True"
-        )
+        raise SceneError(f"interface {interface.name!r}: law {compiled.name!r} remembers: give history=True")
     return compiled
 
 
@@ -283,9 +280,8 @@ def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     floors
         (interface, ``"normal"`` or ``"tangential"``) -> (m,) stiffness per area, of any sign.
     """
-    bodies = [
-        _made_body(_body(problem, {None: body}, floors)) for body in reduce(problem, problem.interfaces)
-    ]
+    found = reduce(problem, problem.interfaces, agree=False)
+    bodies = [_made_body(_body(problem, {None: body}, floors)) for body in found]
     try:
         Structure(bodies=bodies, operator="factored")
     except NumericalError:
@@ -548,16 +544,19 @@ def _check_range(strain: float) -> None:
 def _reduced(problem: Problem, plan: Plan) -> list[dict[Pattern, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
     chosen = {name for name in plan.eliminated if name in problem.interfaces}
-    check_prescribed(problem, chosen)
+    moments = {*([0.0] if plan.times is None else plan.times)}.union(*(a.times for a in problem.amplitudes))
+    check_prescribed(problem, chosen, moments)
     found: list[dict[Pattern, Body]] = []
     for amplitude in plan.patterns:
         laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}
         if len(plan.patterns) == 1 and amplitude is None:
             laws = {}
-        bodies = reduce(problem, chosen, laws, amplitude, plan.loads)
+        bodies = reduce(problem, chosen, laws, amplitude, plan.loads, agree=False)
         found = found or [{} for _ in bodies]
         for known, body in zip(found, bodies, strict=True):
             known[amplitude] = body
+    for known in found:
+        refuse({a: known[a].off for a in plan.patterns}, moments)
     for term in plan.loads:
         for known in found:
             body = next(iter(known.values()))

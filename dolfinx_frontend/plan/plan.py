@@ -340,8 +340,7 @@ def check_keeps(
     if fixed:
         raise SceneError(
             f"{where}: the plan has no column for {', '.join(fixed)}, which is random: leave the plan out, "
-            "or "
-            "make it for what is random"
+            "or make it for what is random"
         )
     stiff = [name for name in parts if name not in plan.varied]
     if stiff:
@@ -365,8 +364,7 @@ def check_settings(where: str, plan: Plan | None, method: object = "auto", **giv
     for name, value in asked.items():
         if value is not None:
             raise SceneError(
-                f"{where}: {name} = {short(value)} beside plan=; give it to make_plan, or leave "
-                "plan out"
+                f"{where}: {name} = {short(value)} beside plan=; give it to make_plan, or leave plan out"
             )
 
 
@@ -411,9 +409,7 @@ def plan_for(random: RandomLaws, way: Way, **settings: Any) -> Plan:
     )
 
 
-def plan_of_random(
-    where: str, random: RandomLaws, given: Plan | None, way: Way, **settings: Any
-) -> Plan:
+def plan_of_random(where: str, random: RandomLaws, given: Plan | None, way: Way, **settings: Any) -> Plan:
     """A given plan that keeps what is random, or one made for it with the settings of :func:`make_plan`.
 
     Raises
@@ -559,9 +555,7 @@ def make_plan(
 
     options, of_bodies = _backend(problem, kept, options, cost, suits, priced)
     decisions += of_bodies
-    decisions.append(
-        Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
-    )
+    decisions.append(Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active"))
     total = priced(options)
     decisions.append(_of_price(total, of_way))
     _log.info("plan: %s, %d columns, active: %s; %s", chosen, columns, ", ".join(kept) or "nothing", cost)
@@ -724,9 +718,7 @@ def _of_field(part: str, source: DiscretisedField, chaos: bool) -> Decision:
 def _check_request(problem: Problem, method: object, options: object) -> None:
     check_problem("plan", problem)
     if not isinstance(method, str) or method not in get_args(Method):
-        raise SceneError(
-            f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
-        )
+        raise SceneError(f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'")
     check_optional_kind("plan", "options", options, Options, "give Options(rtol=...)")
 
 
@@ -788,8 +780,7 @@ def _wanted(
     if tied:
         raise SceneError(
             f"plan: {', '.join(map(repr, tied))} ties nodes to a rigid motion and cannot vary: its motion is "
-            "no "
-            "parameter; vary a load or a spring on it"
+            "no parameter; vary a load or a spring on it"
         )
     everything = isinstance(active, str) and active == "all"
     if everything or (active is None and method == "latin"):
@@ -1023,7 +1014,11 @@ def _history(
     patterns: tuple[Amplitude | None, ...] = (*constant, *amplitudes)
     nonlinear = [n for n in kept if not problem.interfaces[n].law.superposes]
     # a direct solution is checked and corrected pattern by pattern
-    if not nonlinear and (not kept or len(patterns) < len(times)):
+    prescribed = [i.law for n, i in problem.interfaces.items() if n in kept and i.law.prescribes == "jump"]
+    factors = [[1.0 if a is None else a(t) for t in times] for a in patterns]
+    # of patterns that depend on each other, displacements that are kept may agree in their sum only
+    apart = not any(law.varying for law in prescribed) or np.linalg.matrix_rank(factors) == len(patterns)
+    if not nonlinear and (not kept or (len(patterns) < len(times) and apart)):
         why = "the scene is linear: its history is a superposition of load patterns"
         return patterns, "patterns", why
     # active interfaces are told their values at every time; only what is assembled has patterns

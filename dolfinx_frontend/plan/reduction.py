@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -20,7 +21,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
-from dolfinx_frontend.plan.ties import ties_of
+from dolfinx_frontend.plan.ties import Differing, Off, refuse, ties_of
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law, Rigid
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -59,6 +60,8 @@ class Body:
         Member -> F_e (n_e,), force: body forces and eliminated Pressure and Traction.
     springs
         Names of the eliminated Elastic interfaces on the members.
+    off
+        What is prescribed differently at common nodes.
     """
 
     members: tuple[str, ...]
@@ -67,11 +70,10 @@ class Body:
     offset: dict[str, Array] = field(repr=False)
     load: dict[str, Array] = field(repr=False)
     springs: tuple[str, ...]
+    off: Differing = field(repr=False)
 
 
-def _constraint(
-    problem: Problem, interface: Interface, law: Law
-) -> tuple[Ints, Array, Array]:
+def _constraint(problem: Problem, interface: Interface, law: Law) -> tuple[Ints, Array, Array]:
     """Nodes, directions (r, d) and values (nodes, r) that a one-sided interface prescribes."""
     side = interface.sides[0]
     x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
@@ -156,10 +158,7 @@ def wholly_held(problem: Problem, removed: Container[str]) -> dict[str, list[str
 
 def _check(interface: Interface, law: Law) -> None:
     if law.elimination is None:
-        raise SceneError(
-            f"interface {interface.name!r}: {law.title} cannot be eliminated; it is "
-            "iterated on"
-        )
+        raise SceneError(f"interface {interface.name!r}: {law.title} cannot be eliminated; it is iterated on")
     if law.elimination is Elimination.GLUED and interface.matching is None:
         raise SceneError(
             f"interface {interface.name!r}: {law.title} on meshes that do not match cannot be "
@@ -168,7 +167,7 @@ def _check(interface: Interface, law: Law) -> None:
 
 
 def _shifts(
-    problem: Problem, glued: list[tuple[Interface, Law]], start: Mapping[str, int], nodes: int
+    problem: Problem, glued: list[tuple[Interface, Law]], start: Mapping[str, int], nodes: int, off: Differing
 ) -> Array:
     """Offsets (nodes, d) of glued nodes from their common unknowns, that make the jumps Delta."""
     d = problem.dim
@@ -197,14 +196,15 @@ def _shifts(
         backward &= ~known[a]
         shift[a[backward]] = shift[b[backward]] - step[backward]
         known[a[backward]] = True
-    error = np.abs(shift[b] - shift[a] - step).max(axis=1)
-    wrong = error > 1e-9 * np.abs(step).max()
-    if np.any(wrong):
-        names = sorted({glued[k][0].name for k in np.unique(who[wrong])})
-        raise SceneError(
+
+    def said(wrong: Array) -> str:
+        names = sorted({glued[k][0].name for k in np.unique(who[wrong.any(axis=1)])})
+        return (
             f"interface {names[0]!r}: its jump contradicts those of the interfaces it meets, by "
-            f"{error.max():.4g}; jumps add up to zero around a common edge"
+            f"{wrong.max():.4g}; jumps add up to zero around a common edge"
         )
+
+    off["jumps"] = Off(shift[b] - shift[a] - step, float(np.abs(step).max()), said)
     return shift
 
 
@@ -233,6 +233,7 @@ def _held_classes(
     start: Mapping[str, int],
     shift: Array,
     label: Ints,
+    off: Differing,
 ) -> _Classes:
     """The classes (`label` of each node) with the displacements that supports prescribe."""
     d = problem.dim
@@ -273,28 +274,28 @@ def _held_classes(
         used = [int(k) for k in keys if k >= 0]
         D = np.concatenate([rows[k] for k in used])
         chosen = np.flatnonzero(group == g)
-        target = np.concatenate(
-            [values[k][spot[chosen, c]] for c, k in enumerate(used)], axis=1
-        )
+        target = np.concatenate([values[k][spot[chosen, c]] for c, k in enumerate(used)], axis=1)
         value = target @ np.linalg.pinv(D, rcond=1e-6).T
-        residual = np.abs(value @ D.T - target)
-        if residual.max() > 1e-9 * largest:
+        if len(used) > 1:
             quoted = " and ".join(sorted({repr(held[k][0].name) for k in used}))
-            raise SceneError(
-                f"interfaces {quoted} prescribe different displacements at "
-                f"{np.count_nonzero(residual.max(axis=1) > 0)} common nodes (up to "
-                f"{residual.max():.4g} off their compromise); make them agree or shrink a face"
-            )
+            off[str(used)] = Off(value @ D.T - target, largest, partial(_differ, quoted))
         kind[classes[chosen]] = len(basis_of)
         fixed[classes[chosen]] = value
         basis_of.append(_free_basis(D))
     return _Classes(basis_of, kind, fixed)
 
 
+def _differ(quoted: str, wrong: Array) -> str:
+    return (
+        f"interfaces {quoted} prescribe different displacements at {np.count_nonzero(wrong.any(axis=1))} "
+        f"common nodes (up to {wrong.max():.4g} off their compromise); make them agree or shrink a face"
+    )
+
+
 def _prolongation(classes: _Classes, own: Ints, columns: Ints) -> sp.csr_matrix:
     """Z (d * nodes, unknowns) of a member with nodes in the classes `own`; unknowns start at `columns`."""
     d = classes.fixed.shape[1]
-    entries = []
+    entries: list[tuple[Ints, Ints, Array]] = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
     for k, basis in enumerate(classes.bases):
         chosen = np.flatnonzero(classes.kind[own] == k)
         r, c = np.nonzero(basis)
@@ -303,11 +304,7 @@ def _prolongation(classes: _Classes, own: Ints, columns: Ints) -> sp.csr_matrix:
         at_row = (d * chosen[:, None] + r).ravel()
         at_column = (columns[own[chosen]][:, None] + c).ravel()
         entries.append((at_row, at_column, np.tile(basis[r, c], len(chosen))))
-    row, column, value = (
-        (np.concatenate(t) for t in zip(*entries, strict=True))
-        if entries
-        else (np.zeros(0, int), np.zeros(0, int), np.zeros(0))
-    )
+    row, column, value = (np.concatenate(t) for t in zip(*entries, strict=True))
     return sp.csr_matrix((value, (row, column)), shape=(d * len(own), int(columns[-1])))
 
 
@@ -317,23 +314,25 @@ def _joined(
     laws: Mapping[str, Law],
     start: Mapping[str, int],
     nodes: int,
+    off: Differing,
 ) -> tuple[Ints, Array, _Classes]:
-    """Class of each of the nodes that interfaces glue, its offset from that class, and what supports take."""
+    """Class of each of the nodes that interfaces glue, its offset from that class, and what supports take;
+    where they disagree a compromise, and how far it is `off`."""
     glued = [(i, laws[i.name]) for i in inside if laws[i.name].elimination is Elimination.GLUED]
     held = [(i, laws[i.name]) for i in inside if laws[i.name].elimination is Elimination.REMOVED]
     pairs = [
         i.matching + [start[s.substructure] for s in i.sides] for i, _ in glued if i.matching is not None
     ]
     label = group_labels(nodes, np.concatenate(pairs) if pairs else [])
-    shift = _shifts(problem, glued, start, nodes)
-    return label, shift, _held_classes(problem, held, start, shift, label)
+    shift = _shifts(problem, glued, start, nodes, off)
+    return label, shift, _held_classes(problem, held, start, shift, label, off)
 
 
-def check_prescribed(problem: Problem, eliminated: Container[str]) -> None:
+def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> None:
     """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept.
 
     A kept interface prescribes what an eliminated one does: no field has both values, and forces that enforce
-    them grow without limit as an iteration goes on.
+    them grow without limit as an iteration goes on. Different amplitudes may agree at all moments.
 
     Raises
     ------
@@ -344,10 +343,7 @@ def check_prescribed(problem: Problem, eliminated: Container[str]) -> None:
         name: i
         for name, i in problem.interfaces.items()
         if all(side.substructure in problem.substructures for side in i.sides)
-        and (
-            i.law.elimination is Elimination.REMOVED
-            or (i.law.elimination is Elimination.GLUED and i.matching is not None)
-        )
+        and i.law.elimination is (Elimination.REMOVED if i.matching is None else Elimination.GLUED)
     }
     if all(name in eliminated for name in prescribing):
         return  # `reduce` sees them all
@@ -356,9 +352,11 @@ def check_prescribed(problem: Problem, eliminated: Container[str]) -> None:
         counts = [len(problem.substructures[m].dof_coordinates) for m in members]
         ends = np.cumsum([0, *counts])
         start = {m: int(end) for m, end in zip(members, ends, strict=False)}
-        for amplitude in (None, *problem.amplitudes):
+        off: dict[Amplitude | None, Differing] = {a: {} for a in (None, *problem.amplitudes)}
+        for amplitude, found in off.items():
             laws = {i.name: i.law.pattern(amplitude) for i in inside}
-            _joined(problem, inside, laws, start, sum(counts))
+            _joined(problem, inside, laws, start, sum(counts), found)
+        refuse(off, moments)
 
 
 def _body(
@@ -375,21 +373,18 @@ def _body(
     by_way: dict[Elimination | None, list[Interface]] = {way: [] for way in Elimination}
     for i in inside:
         by_way[laws[i.name].elimination].append(i)
-    label, shift, classes = _joined(problem, inside, laws, start, int(starts[-1]))
+    off: Differing = {}
+    label, shift, classes = _joined(problem, inside, laws, start, int(starts[-1]), off)
 
     # columns: the unknowns of a class are consecutive
     free = np.array([basis.shape[1] for basis in classes.bases])[classes.kind]
     columns = np.concatenate([[0], np.cumsum(free)])
-    size = int(columns[-1])
-    if size == 0:
-        raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
     prolongation: dict[str, sp.csr_matrix] = {}
     offset: dict[str, Array] = {}
     tied = [(i, cast(Rigid, laws[i.name])) for i in by_way[Elimination.TIED]]
-    ties = ties_of(
-        problem, tied, start, classes.bases, classes.kind, classes.fixed, shift, label, columns
-    )
-    size = size if ties is None else ties.left.shape[1]
+    of_classes = (classes.bases, classes.kind, classes.fixed, shift, label, columns)
+    ties = ties_of(problem, tied, start, *of_classes, off)
+    size = int(columns[-1]) if ties is None else ties.left.shape[1]
     if size == 0:
         raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
     for m, count, s in zip(members, counts, starts, strict=False):
@@ -407,7 +402,7 @@ def _body(
             f = (i.weights[:, None] * given).ravel()
             load[i.sides[0].substructure] += i.local_trace(0).T @ f
     springs = tuple(i.name for i in by_way[Elimination.SPRINGS])
-    return Body(tuple(members), size, prolongation, offset, load, springs)
+    return Body(tuple(members), size, prolongation, offset, load, springs, off)
 
 
 def reduce(
@@ -416,6 +411,7 @@ def reduce(
     laws: Mapping[str, Law] | None = None,
     amplitude: Amplitude | None = None,
     without: Container[LoadTerm] = (),
+    agree: bool = True,
 ) -> list[Body]:
     """Bodies that remain when interfaces are assembled across.
 
@@ -431,6 +427,8 @@ def reduce(
         Amplitude whose part of the body forces is taken; None: the constant part.
     without
         Numbers of loads of parts that are left out.
+    agree
+        False: what is prescribed at common nodes may differ, as of one of several load patterns.
 
     Returns
     -------
@@ -456,12 +454,12 @@ def reduce(
             if i.name in chosen and i.sides[0].substructure in members
         ]
         bodies.append(_body(problem, members, current, inside, amplitude, without))
+        if agree:
+            refuse({None: bodies[-1].off}, [0.0])
     return bodies
 
 
-def spring_operator(
-    problem: Problem, body: Body, name: str, law: Law
-) -> tuple[sp.csr_matrix, Array, Array]:
+def spring_operator(problem: Problem, body: Body, name: str, law: Law) -> tuple[sp.csr_matrix, Array, Array]:
     """Jump operator of a spring between members.
 
     Returns
@@ -505,9 +503,7 @@ def _law(problem: Problem, laws: Mapping[str, Law] | None, name: str) -> Law:
     return laws[name] if laws is not None and name in laws else problem.interfaces[name].law
 
 
-def body_matrix(
-    problem: Problem, body: Body, laws: Mapping[str, Law] | None = None
-) -> sp.csr_matrix:
+def body_matrix(problem: Problem, body: Body, laws: Mapping[str, Law] | None = None) -> sp.csr_matrix:
     """sum Z^T K Z over the members, plus the springs; (n, n), force / length."""
     K = sp.csr_matrix((body.n, body.n))
     for m in body.members:

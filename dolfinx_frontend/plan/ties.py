@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,12 +15,40 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Rigid
 
-__all__ = ["Ties", "given_motions", "ties_of"]
+__all__ = ["Off", "Ties", "given_motions", "refuse", "ties_of"]
 
 _LEVEL = 1e-6
 """Sines of angles below this are rounding of the mesh."""
+
+
+class Off(NamedTuple):
+    """What is prescribed differently: (n, k) at common nodes, the largest value, and how to say it."""
+
+    values: Array
+    scale: float
+    said: Callable[[Array], str]
+
+
+Differing = dict[str, Off]
+
+
+def refuse(off: Mapping[Amplitude | None, Differing], moments: Iterable[float]) -> None:
+    """Raise where the sums of load patterns are off at a moment: their functions of time differ."""
+    for place in dict.fromkeys(place for each in off.values() for place in each):
+        found = {a: each[place] for a, each in off.items() if place in each}
+        values = np.array([one.values for one in found.values()])
+        factors = np.array([[1.0 if a is None else a(t) for a in found] for t in moments])
+        least = 1e-9 * float((np.abs(factors) * [one.scale for one in found.values()]).max())
+        rows = np.any(np.abs(values) > 0.0, axis=(0, 2))
+        at = np.abs(np.tensordot(factors, values[:, rows], 1))
+        worst = np.zeros_like(values[0])
+        worst[rows] = at[np.argmax(at.max(axis=(1, 2), initial=0.0))]
+        if worst.max(initial=0.0) > least:
+            worst[worst <= least] = 0.0
+            raise SceneError(next(iter(found.values())).said(worst))
 
 
 @dataclass(frozen=True)
@@ -80,10 +109,8 @@ def _groups(
                 if side.flatness > _LEVEL or off > _LEVEL:
                     raise SceneError(
                         f"interface {interface.name!r}: {side.substructure}:{side.face} cannot be kept plane "
-                        "with "
-                        f"group {name!r}: it is curved or not parallel to the first face (off by "
-                        f"{max(off, side.flatness):.3g}); "
-                        "use scene.rigid"
+                        f"with group {name!r}: it is curved or not parallel to the first face (off by "
+                        f"{max(off, side.flatness):.3g}); use scene.rigid"
                     )
             nodes.append(side.nodes + start[side.substructure])
             x.append(problem.substructures[side.substructure].dof_coordinates[side.nodes])
@@ -113,6 +140,7 @@ def ties_of(
     shift: Array,
     label: Ints,
     columns: Ints,
+    off: Differing,
 ) -> Ties | None:
     """What the tied faces of a body leave of its unknowns; None: there are none.
 
@@ -124,6 +152,8 @@ def ties_of(
         (nodes, d) of nodes from their classes.
     label, columns
         Class of every node, and first unknown of every class.
+    off
+        What supports and given motions prescribe differently is added to it.
     """
     if not tied:
         return None
@@ -132,7 +162,7 @@ def ties_of(
     own: dict[int, tuple[Array, Array, Array]] = {}  # class -> (f, kept), (f, modes), (f,)
     masters: list[tuple[_Group, Array]] = []
     for group in _groups(problem, tied, start, label):
-        motions, found = _of_group(group, bases, kind, fixed, shift)
+        motions, found = _of_group(group, bases, kind, fixed, shift, off)
         for c, each in found.items():
             own[c] = each
             left[c] = each[0].shape[1]
@@ -168,7 +198,7 @@ def ties_of(
 
 
 def _of_group(
-    group: _Group, bases: Sequence[Array], kind: Ints, fixed: Array, shift: Array
+    group: _Group, bases: Sequence[Array], kind: Ints, fixed: Array, shift: Array, off: Differing
 ) -> tuple[Array, dict[int, tuple[Array, Array, Array]]]:
     """Motions (k, free) that are left to a group, and what its classes make of them."""
     law, x = group.law, group.x
@@ -221,7 +251,7 @@ def _of_group(
                 equations.append(held @ modes[k])
                 wanted.append(held @ base)
             at.append((basis, base, True))
-    motions, constant = _solved(where, np.concatenate(equations), np.concatenate(wanted))
+    motions, constant = _solved(where, np.concatenate(equations), np.concatenate(wanted), off)
     found = {}
     for k, c in enumerate(group.classes):
         first, base, moves = at[k]
@@ -242,18 +272,19 @@ def _of_group(
     return motions, found
 
 
-def _solved(where: str, rows: Array, values: Array) -> tuple[Array, Array]:
+def _solved(where: str, rows: Array, values: Array, off: Differing) -> tuple[Array, Array]:
     """Motions (k, free) that satisfy homogeneous equations, and a particular one (k,)."""
     if not len(rows):
         return np.eye(rows.shape[1]), np.zeros(rows.shape[1])
     _, s, vt = np.linalg.svd(rows, full_matrices=True)
     rank = int(np.count_nonzero(s > _LEVEL * max(1.0, float(s[0]))))
     constant = np.linalg.pinv(rows, rcond=_LEVEL / max(1.0, float(s[0])) if s[0] > 0 else 1.0) @ values
-    off = float(np.abs(rows @ constant - values).max(initial=0.0))
-    if off > 1e-9 * max(float(np.abs(values).max()), 1e-300):
-        raise SceneError(
-            f"{where}: its supports and given motions contradict each other, by {off:.4g}: no rigid motion "
-            "does "
-            "both; give others or shrink a face"
+
+    def said(wrong: Array) -> str:
+        return (
+            f"{where}: its supports and given motions contradict each other, by {wrong.max():.4g}: no rigid "
+            "motion does both; give others or shrink a face"
         )
+
+    off[where] = Off((rows @ constant - values)[:, None], float(np.abs(values).max()), said)
     return vt[rank:].T, constant

@@ -127,13 +127,11 @@ class Monolithic:
 
 
 def _without_springs(problem: Problem, body: Body) -> sp.csr_matrix:
-    bare = Body(body.members, body.n, body.Z, body.offset, body.load, ())
-    return body_matrix(problem, bare)
+    return body_matrix(problem, replace(body, springs=()))
 
 
 def _springs(problem: Problem, body: Body, laws: Mapping[str, Law]) -> sp.csr_matrix:
-    only = Body((), body.n, body.Z, body.offset, body.load, body.springs)
-    return body_matrix(problem, only, laws)
+    return body_matrix(problem, replace(body, members=()), laws)
 
 
 def _solution(

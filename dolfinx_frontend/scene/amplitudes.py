@@ -73,6 +73,11 @@ class Amplitude:
                 f"{self._times[where + 1]:g}"
             )
 
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Times between which it is linear; of a function of time, of which nothing is known, none."""
+        return tuple(() if self._function else self._times.tolist())
+
     def __call__(self, time: float) -> float:
         """The factor at a time."""
         if not is_real(time):

@@ -428,8 +428,7 @@ class Scene:
             if face in used:
                 raise SceneError(
                     f"{kind} {group!r}: {face} is rigid already by {used[face].name!r}; a rigid face belongs "
-                    "to one "
-                    "group: name all of its faces there"
+                    "to one group: name all of its faces there"
                 )
         if len(set(found)) < len(found):
             raise SceneError(f"{kind} {group!r}: faces = {given}: name every face once")
@@ -646,8 +645,7 @@ class Scene:
         if early:
             raise SceneError(
                 f"inertia_relief: {', '.join(map(repr, early))} came before it: call inertia_relief first, "
-                "then the "
-                "loads, which it has to balance"
+                "then the loads, which it has to balance"
             )
         if isinstance(density, Mapping):
             for part, each in density.items():

@@ -139,3 +139,49 @@ def test_contradicting_displacements_are_refused_whatever_is_kept(active):
     problem = assemble(scene)
     with pytest.raises(lf.SceneError, match="'ta' and 'tb' prescribe different displacements at 1 common"):
         lf.solve(problem, times=[1.0, 2.0], active=active)
+
+
+RAMP = lf.Amplitude([0, 2], [0, 1])
+
+
+@pytest.mark.parametrize("active", [None, "all"])
+@pytest.mark.parametrize("kind", ["supports", "jumps", "rigid"])
+@pytest.mark.parametrize(
+    "other, factor, agrees",
+    [
+        (lf.Amplitude([0, 0.3, 2], [0, 0.15, 1]), 1.0, True),
+        (lf.Amplitude([0, 0.5, 2], [0, 0.5, 2]), 0.5, True),
+        (lf.Amplitude(lambda t: 0.5 * t), 1.0, True),
+        (lf.Amplitude([0, 0.3, 2], [0, 0.2, 1]), 1.0, False),  # at the breakpoint only, where no step is
+        (lf.Amplitude(lambda t: 0.5 * t), 1.01, False),
+    ],
+)
+def test_the_same_function_of_time_written_otherwise_is_no_contradiction(other, factor, agrees, kind, active):
+    """Blocks between plates that move by 1e-3 t / 2, or with joints that open by that: a uniform strain."""
+    scene = Scene()
+    for name, corner in (("a", (0, 0)), ("b", (1, 0)), ("c", (1, 1)), ("d", (0, 1))):
+        scene.substructure(name, geometry.box((1.0, 1.0), (1, 1), corner), LinearElastic(1e5, 0.0), degree=1)
+    first, second = (1e-3 * RAMP, 1e-3 * factor * other) if kind == "jumps" else (0.0, 0.0)
+    for name, sides, jump in (("ab", ("a:x1", "b:x0"), 0.0), ("dc", ("d:x1", "c:x0"), 0.0)):
+        scene.interface(name, *sides, Perfect(jump=jump))
+    scene.interface("ad", "a:y1", "d:y0", Perfect(jump=first))
+    scene.interface("bc", "b:y1", "c:y0", Perfect(jump=second))
+    scene.fix(["a:y0", "b:y0"])
+    if kind == "rigid":
+        scene.rigid(["d:y1"], x=0.0, y=1e-3 * RAMP, rz=0.0, name="grip")
+    else:
+        scene.fix("d:y1", 0.0 if kind == "jumps" else RAMP * (0.0, 1e-3), name="grip")
+    scene.fix("c:y1", 0.0 if kind == "jumps" else other * (0.0, 1e-3 * factor), name="other")
+    problem = assemble(scene)
+    if not agrees:
+        if kind == "rigid":
+            active = None  # what a rigid face meets over a kept interface is not looked at
+        with pytest.raises(lf.SceneError, match="contradict|prescribe different"):
+            lf.solve(problem, times=[1.0, 1.5, 2.0], active=active, progress=False)
+        return
+    result = lf.solve(problem, times=[1.0, 1.5, 2.0], active=active, progress=False)
+    assert result.converged
+    height = problem.substructures["a"].dof_coordinates[:, 1]
+    strain = (-0.5e-3 if kind == "jumps" else 0.5e-3) * np.array([0.5, 0.75, 1.0])
+    moved = result.unknowns("a").reshape(3, -1, 2)[..., 1]
+    assert moved == pytest.approx(strain[:, None] * height, abs=1e-9)

@@ -127,8 +127,7 @@ class Preload(Law):
         if by_force and slack and self.until is None and self.during is None:
             raise SceneError(
                 f"Preload: {', '.join(slack)} beside a force that is given throughout changes nothing: say "
-                "until "
-                "when it is given (until=, during=)"
+                "until when it is given (until=, during=)"
             )
         random = [k for k, v in slack.items() if not is_plain(v) and isinstance(v, Parameter)]
         varying = [k for k, v in slack.items() if isinstance(v, Varying)]
