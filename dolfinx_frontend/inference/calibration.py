@@ -397,8 +397,7 @@ def calibrate(
     if bayes and function._inputs.direct:
         raise SceneError(
             f"{where}: {next(iter(function._inputs.direct))} is no random number: it has no prior; give it "
-            "one in the "
-            "scene, or method='least squares'"
+            "one in the scene, or method='least squares'"
         )
     try:
         known = Data.of(function.outputs, data, noise)
@@ -498,8 +497,7 @@ def _bayes(
     if misfit > FAR or distance > FAR * math.sqrt(max(1.0, dimension / 4.0)):
         raise SceneError(
             f"calibrate: the prior excludes the data: the best point is {distance:.3g} deviations from its "
-            "median, and "
-            f"{misfit:.3g} deviations of the noise from the data"
+            f"median, and {misfit:.3g} deviations of the noise from the data"
             + (_unit(first, data.means) or _told(first, data.means, "the medians of the priors"))
         )
     if told := _unit(first, data.means):

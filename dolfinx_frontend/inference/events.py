@@ -62,8 +62,7 @@ class Response(Arithmetic):
         ):
             raise SceneError(
                 f"Response: of = {short(of)}; give the name of an interface, a Resultant, or a function of "
-                "the "
-                "fields"
+                "the fields"
             )
         self._of: Any = of
         self.name = checked_name("Response", name) if name is not None else _name_of(of)

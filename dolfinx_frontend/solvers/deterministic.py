@@ -145,9 +145,7 @@ def _run(
     if checked is not None:
         accuracy: Accuracy | None = checked.accuracy
     else:
-        accuracy = accuracy_of_run(
-            summary, plan, solver.bodies, solver.problem.comm, solver.left
-        )
+        accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm, solver.left)
     seconds = {"setup": setup, "solve": perf_counter() - began}
     kind = Result if plan.times is None else HistoryResult
     return kind(

@@ -265,9 +265,7 @@ def _guard(
             "whole is proven definite"
         )
     floors = {
-        key: np.broadcast_to(
-            matrix.values.min(axis=1), (problem.interfaces[key[0]].num_points,)
-        )
+        key: np.broadcast_to(matrix.values.min(axis=1), (problem.interfaces[key[0]].num_points,))
         for key, matrix in matrices.items()
     }
     if not _definite(problem, floors):

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneWarning, warn
+from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM
 from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.sweep import PointResults
 
 __all__ = ["check_bolts"]
 
@@ -13,8 +17,20 @@ LOOSE = 1e-3
 """Compression, relative to the largest force of the bolt, that is no answer's own error any more."""
 
 
-def check_bolts(result: Result) -> None:
+def check_bolts(answer: Result | PointResults, what: str = "", told: Collection[str] = ()) -> list[str]:
     """Warn of bolts that push once they hold their length: a preload does, a real bolt is loose then.
+
+    Parameters
+    ----------
+    what
+        One of several points in a message: of these it is said how many push, and which one the most.
+    told
+        Interfaces that are not named again.
+
+    Returns
+    -------
+    list of str
+        The interfaces that were named.
 
     Warns
     -----
@@ -22,21 +38,27 @@ def check_bolts(result: Result) -> None:
         The joint has lost more length than what tightening has stretched bolt and joint by: by embedding, or
         by what was tightened or loaded afterwards.
     """
-    problem, times = result.problem, result.times
+    problem, times, named = answer.problem, answer.plan.times, []
     for name, interface in problem.own.interfaces.items():
         law = interface.law
-        if not law.may_loosen or not problem.speaks_for(name):
+        if not law.may_loosen or name in told or not problem.speaks_for(name):
             continue
-        force = np.atleast_1d(result.force(name)[..., 0] @ interface.weights)
         held = [times is None or not law.controlled(t) for t in (times if times is not None else [None])]
-        pushes = np.flatnonzero((force < -LOOSE * np.abs(force).max()) & held)
-        if not pushes.size:
+        force = np.reshape(answer.force(name)[..., 0] @ interface.weights, (-1, len(held)))
+        pushes = (force < -LOOSE * np.abs(force).max(axis=1, keepdims=True)) & held
+        if isinstance(answer, PointResults):  # without equilibrium a force means nothing
+            pushes &= (answer.statuses.ravel() != NO_EQUILIBRIUM)[:, None]
+        if not pushes.any():
             continue
-        step = int(pushes[np.argmin(force[pushes])])
+        point, step = np.unravel_index(np.argmin(np.where(pushes, force, 0.0)), force.shape)
         when = "" if times is None else f" at t = {times[step]:g}"
+        if what:
+            when += f" at {what} {point}, the most of {pushes.any(axis=1).sum()} of {len(force)} {what}s"
         warn(
-            f"interface {name!r}: the bolt pushes with {-force[step]:.4g}{when}: the joint has lost more "
-            "length than what tightening has stretched bolt and joint by; a real bolt is loose: tighten it "
-            "more or again, or take a smaller embedding",
+            f"interface {name!r}: the bolt pushes with {-force[point, step]:.4g}{when}: the joint has lost "
+            "more length than what tightening has stretched bolt and joint by; a real bolt is loose: tighten "
+            "it more or again, or take a smaller embedding",
             SceneWarning,
         )
+        named.append(name)
+    return named

@@ -51,6 +51,7 @@ from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.loads import OF_STIFFNESS
+from dolfinx_frontend.solvers.loose import check_bolts
 from dolfinx_frontend.solvers.support import acts, named_without_equilibrium
 from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
 from dolfinx_frontend.uncertainty.quantities import Kind
@@ -108,9 +109,7 @@ def sampled_values(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptPa
             # a random value does not change in time: it belongs to the constant load pattern
             constant = np.array([[float(a is None)] for a in plan.patterns])
             pattern, columns = np.kron(constant, pattern), len(constant)
-        parameters.append(
-            SweptParameter(name, each.name, np.asfortranarray(pattern), each.values, columns)
-        )
+        parameters.append(SweptParameter(name, each.name, np.asfortranarray(pattern), each.values, columns))
     parameters += stiffness_factors({part: random.factors(part, germs) for part in random.parts})
     return [*parameters, *swept_loads(plan, {term: random.load_values(term, germs) for term in random.loads})]
 
@@ -164,21 +163,13 @@ def sample(
         )
         began = perf_counter()
         solver = solver_of(problem, plan)
-    return sample_on(
-        solver,
-        random,
-        plan,
-        germs,
-        weights,
-        kind,
-        keep_states=keep_states,
-        checkpoint=checkpoint,
-        progress=progress,
-        setup=perf_counter() - began,
-        callback=callback,
-        estimator=estimator,
-        ranks=ranks,
-    )
+    result = sample_on(
+        solver, random, plan, germs, weights, kind,
+        keep_states=keep_states, checkpoint=checkpoint, progress=progress, setup=perf_counter() - began,
+        callback=callback, estimator=estimator, ranks=ranks,
+    )  # fmt: skip
+    check_bolts(result, "sample")
+    return result
 
 
 @together("sample")

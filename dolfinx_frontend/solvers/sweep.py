@@ -45,6 +45,7 @@ from dolfinx_frontend.results.sweep import SweepResult, point_block
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm
+from dolfinx_frontend.solvers.loose import check_bolts
 from dolfinx_frontend.solvers.support import acts, named_without_equilibrium
 
 __all__ = [
@@ -152,8 +153,7 @@ def swept_values(
             if any(p.interface == interface and p.parameter == kernel_name for p in parameters):
                 raise SceneError(
                     f"sweep: {name!r} and another swept value of {interface!r} set the same number of its "
-                    "law "
-                    f"({kernel_name}): sweep one of them, or the result of both"
+                    f"law ({kernel_name}): sweep one of them, or the result of both"
                 )
             pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
             parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
@@ -328,7 +328,10 @@ def sweep(
         return swept_problem(problem, {name: v[point] for key, v in flat.items() for name in key})
 
     acting = acts(problem, {name.rpartition(".")[0] for key in axes for name in key})
-    return replace(result, points=named_without_equilibrium("sweep point", result, parameters, at, acting))
+    points = named_without_equilibrium("sweep point", result, parameters, at, acting)
+    result = replace(result, points=points)
+    check_bolts(result, "sweep point")
+    return result
 
 
 def swept_problem(problem: Problem, values: Mapping[str, float]) -> Problem:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -523,19 +526,52 @@ def test_tightening_that_no_step_does_is_refused(law: lf.Preload, words: str) ->
         assert lf.solve(problem, times=[0.1, 0.2]).converged  # a history that ends before
 
 
-def test_a_locked_bolt_that_pushes_is_named() -> None:
-    """Tightened by 1 kN, and then the ends are pushed together by what makes 2 kN."""
+def pushed(force: object = 1e3) -> lf.Problem:
+    """Tightened by a force, and then the ends are pushed together by what makes 2 kN."""
     push = lf.Amplitude([1, 2], [0, 1])
     stiffness = 1.0 / (40.0 / (E * 100.0))
     scene = lf.Scene()
     for name, x in (("left", 0.0), ("right", 20.0)):
         box = geometry.box((20.0, 10.0, 10.0), (1, 1, 1), origin=(x, 0, 0), cell="hexahedron")
         scene.substructure(name, box, lf.LinearElastic(E, 0.0), degree=1)
-    scene.interface("bolt", "left:x1", "right:x0", lf.Preload(1e3, until=1.0))
+    scene.interface("bolt", "left:x1", "right:x0", lf.Preload(force, until=1.0))
     scene.fix("left:x0")
     scene.fix("right:x1", push * (-2e3 / stiffness, 0.0, 0.0))
-    with pytest.warns(lf.SceneWarning, match="'bolt': the bolt pushes with 1000 at t = 2"):
-        lf.solve(lf.assemble(scene), times=[1.0, 2.0])
+    return lf.assemble(scene)
+
+
+def test_a_locked_bolt_that_pushes_is_named() -> None:
+    with pytest.warns(lf.SceneWarning, match="'bolt': the bolt pushes with 1000 at t = 2: "):
+        lf.solve(pushed(), times=[1.0, 2.0])
+
+
+def test_a_locked_bolt_that_pushes_is_named_once_for_all_points() -> None:
+    """2 kN less the preload at every point: the least one pushes hardest, 2.5 kN and more do not."""
+    problem = pushed(lf.Uniform("force", 5e2, 3.5e3))
+    times, forces = [1.0, 2.0], [3e3, 1.5e3, 1e3, 2.5e3]
+
+    def told(count: int, work: Callable[[], object], match: str) -> None:
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            work()
+        assert len(found) == count
+        assert all(re.search(match, str(each.message)) for each in found)
+
+    def swept(values: list[float]) -> Callable[[], object]:
+        return lambda: lf.sweep(pushed(), {"bolt.force": values}, times=times, progress=False)
+
+    told(1, swept(forces), "'bolt': .* with 1000 at t = 2 at sweep point 2, the most of 2 of 4 sweep points")
+    told(0, swept([2.5e3, 3e3]), "")
+    germs = (np.array(forces)[:, None] - 2e3) / 1.5e3
+    told(
+        1,
+        lambda: lf.sample(problem, germs, times=times, progress=False),
+        "'bolt': .* with 1000 at t = 2 at sample 2, the most of 2 of 4 samples",
+    )
+    at = problem.function("bolt", times=times)
+    x = np.array(forces)[:, None]
+    told(1, lambda: at(x), "'bolt': .* with 1000 at t = 2 at point 2, the most of 2 of 4 points")
+    told(0, lambda: at(x - 1.0), "")  # named once
 
 
 def test_a_bolt_as_a_beam() -> None:
