@@ -23,6 +23,7 @@ __all__ = [
     "INEXACT",
     "NO_EQUILIBRIUM",
     "STATUSES",
+    "UNDETERMINED",
     "Accuracy",
     "Corrected",
     "accuracy_of_run",
@@ -48,7 +49,13 @@ NO_EQUILIBRIUM = "no_equilibrium"
 """Status of an answer in which no forces of the interfaces balance the loads, from some step of a history on:
 what the loads move slides on as far as it is let."""
 
-STATUSES = ("converged", INEXACT, "max_iterations", "stagnated", "diverged", NO_EQUILIBRIUM, "interrupted")
+UNDETERMINED = "undetermined"
+"""Status of a point whose laws leave parts free in motions that no load drives: any place is an answer."""
+
+STATUSES = (
+    *("converged", INEXACT, "max_iterations", "stagnated", "diverged", UNDETERMINED, NO_EQUILIBRIUM),
+    "interrupted",
+)
 """How a solution ends, from the best to the worst."""
 
 NUMBERED = 10
@@ -59,6 +66,7 @@ _REMEDIES = {
     "stagnated": "give another search direction, e.g. direction=0.1 or direction=10",
     "diverged": "check that every part is held where contacts slip or open",
     "interrupted": "go on from here with start=result",
+    UNDETERMINED: "hold what is free (the log names it), or leave such values out",
     NO_EQUILIBRIUM: "raise preload or friction, hold what moves, or leave such values out",
     INEXACT: "rounding leaves no more: make stiffnesses less different",
 }

@@ -678,9 +678,7 @@ class ChaosResult(Result, StochasticResult):
             "germs": self.space.sample(SAMPLES if samples is None else samples, seed),
         }
 
-    def save(
-        self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0
-    ) -> None:
+    def save(self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0) -> None:
         """As :meth:`Result.save`, with the whole chaos, and the samples that its tables are made of."""
         super().save(path, fields, samples, seed)
 
@@ -703,9 +701,7 @@ class ChaosResult(Result, StochasticResult):
         """Deterministic solves at points (N, L) of the germs: as
         :func:`dolfinx_frontend.solvers.sampling.sample`, on the factorised problem of this result and started
         from what its chaos predicts; to its tolerance, or to `rtol`."""
-        return self.sampler(
-            self, germs, weights, kind, keep_states=keep_states, progress=progress, rtol=rtol
-        )
+        return self.sampler(self, germs, weights, kind, keep_states=keep_states, progress=progress, rtol=rtol)
 
     @together("monte_carlo")
     def monte_carlo(
@@ -868,9 +864,7 @@ class ChaosResult(Result, StochasticResult):
         arms = np.where(np.arange(len(of.wrench)) < of.dim, 1.0, 1.0 / length)
         return size * float(np.linalg.norm(arms * of.wrench))
 
-    def compared(
-        self, interface: str, truth: Sequence[SampleResult], least: float = 0.0
-    ) -> TruncationError:
+    def compared(self, interface: str, truth: Sequence[SampleResult], least: float = 0.0) -> TruncationError:
         """The chaos against deterministic solves; an interface whose force is below `least` is right."""
         if self.acts(interface, truth) <= least:
             count = sum(len(part.germs) for part in truth)

@@ -105,9 +105,7 @@ class Amplitude:
             return True
         if not isinstance(other, Amplitude) or self._function or other._function:
             return False
-        return np.array_equal(self._times, other._times) and np.array_equal(
-            self._values, other._values
-        )
+        return np.array_equal(self._times, other._times) and np.array_equal(self._values, other._values)
 
     def __hash__(self) -> int:
         if self._function is not None:
@@ -223,9 +221,7 @@ def check_times(times: npt.ArrayLike) -> Array:
         raise SceneError("history: times = []: give a list of increasing numbers")
     if np.any(np.diff(data) <= 0.0):
         where = int(np.argmax(np.diff(data) <= 0.0))
-        raise SceneError(
-            f"times increase, but {data[where]:g} is followed by {data[where + 1]:g}"
-        )
+        raise SceneError(f"times increase, but {data[where]:g} is followed by {data[where + 1]:g}")
     data.setflags(write=False)
     return data
 

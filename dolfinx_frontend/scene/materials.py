@@ -300,9 +300,7 @@ class OrthotropicElastic:
         if self.axes is not None:
             axes = checked_numbers("OrthotropicElastic", "axes", self.axes, "give orthonormal rows (d, d)")
             d = len(axes) if axes.ndim else 0
-            if axes.shape not in ((2, 2), (3, 3)) or (
-                np.abs(axes @ axes.T - np.eye(d)).max() > 1e-9
-            ):
+            if axes.shape not in ((2, 2), (3, 3)) or (np.abs(axes @ axes.T - np.eye(d)).max() > 1e-9):
                 raise SceneError("OrthotropicElastic: axes are not orthonormal rows (d, d)")
             object.__setattr__(self, "axes", frozen(self.axes))
         for dim in (2, 3) if self._is_full() else (2,):

@@ -174,9 +174,7 @@ class Scene:
         where = f"substructure {checked_name('substructure', name, colon=False)!r}"
         if name in self.substructures:
             raise SceneError(f"{where}: the name is in use; names are unique")
-        spec = SubstructureSpec(
-            name, part, material, degree, body_force, rank, self.axisymmetric, stiffness
-        )
+        spec = SubstructureSpec(name, part, material, degree, body_force, rank, self.axisymmetric, stiffness)
         if is_uncertain(stiffness) or is_random_field(stiffness):
             if abs(stiffness.mean - 1.0) > 1e-9:
                 raise SceneError(
@@ -277,9 +275,7 @@ class Scene:
         found = tuple(self._face(f, where) for f in faces)
         if len(found) not in law.sides:
             wanted = " or ".join("one side" if s == 1 else "two sides" for s in law.sides)
-            raise SceneError(
-                f"{where}: {law.title} takes {wanted}, {len(found)} given"
-            )
+            raise SceneError(f"{where}: {law.title} takes {wanted}, {len(found)} given")
         if len(found) == 2 and found[0] == found[1]:
             raise SceneError(f"{where}: both sides are {found[0]}; join two different faces")
         spec = self.substructures[found[0].substructure]
@@ -300,9 +296,7 @@ class Scene:
             name, found, law, quadrature_degree, max_distance, space, overlap
         )
 
-    def _one_sided(
-        self, kind: str, faces: str | Sequence[str], law: Law, name: str | None
-    ) -> None:
+    def _one_sided(self, kind: str, faces: str | Sequence[str], law: Law, name: str | None) -> None:
         one = isinstance(faces, str)
         given = [str(faces)] if one else checked_names(kind, "faces", faces, " 'substructure:face'")
         if not given:

@@ -40,9 +40,7 @@ class Parameter(Protocol):
         """Nominal value."""
 
 
-Value: TypeAlias = (
-    float | Sequence[float] | Array | Callable[[Array], npt.ArrayLike] | Parameter | Varying
-)
+Value: TypeAlias = (float | Sequence[float] | Array | Callable[[Array], npt.ArrayLike] | Parameter | Varying)
 
 
 def is_plain(value: object) -> bool:
@@ -145,9 +143,7 @@ def evaluate(
             return np.tile(data, (m, 1))
         if data.shape == (m, components) and (arrays or origin == "returned"):
             return data.copy()
-        per_point = data.ndim == 0 or (
-            data.shape == (m,) and (arrays or origin == "returned")
-        )
+        per_point = data.ndim == 0 or (data.shape == (m,) and (arrays or origin == "returned"))
         if per_point and (scalar != "zero" or not np.any(data)):
             out = np.zeros((m, components))
             out[:, slice(0, 1) if scalar == "first" else slice(None)] = (
@@ -156,9 +152,7 @@ def evaluate(
             return out
     wanted = "a number" if components == 1 or scalar != "zero" else f"{components} components"
     if arrays or origin == "returned":
-        wanted += f" or {m} rows (one per interface point)" + (
-            f" of {components}" if components > 1 else ""
-        )
+        wanted += f" or {m} rows (one per interface point)" + (f" of {components}" if components > 1 else "")
     else:
         wanted += " or a callable of the points (it is needed at nodes, not at interface points)"
     shown = f"shape {data.shape}" if data.ndim else f"the number {float(data):g}"

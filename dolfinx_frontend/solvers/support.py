@@ -45,7 +45,7 @@ from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motion
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
 from dolfinx_frontend.results.contact import contact_states
-from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM
+from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM, UNDETERMINED
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.sweep import PointResults
@@ -141,7 +141,8 @@ class _Reached:
     force
         (m, components), force per area.
     holds
-        What it resists where it presses (of a history: where it touches).
+        What it resists where it presses (of a history: where it touches; of a run that did not converge
+        everywhere: what is open may close yet).
     sticks
         The same without friction along the slip of points where it is used up.
     closed
@@ -465,12 +466,8 @@ def _check_undetermined(
     always: Mapping[str, Resistance],
     reached: Mapping[str, _Reached],
     when: str,
-    converged: bool,
 ) -> bool:
-    """Warn of parts that nothing holds in the answer, or only friction that cannot take more.
-
-    Of a run that did not converge only of the second: what is open may close yet.
-    """
+    """Warn of parts that nothing holds in the answer, or only friction that cannot take more."""
 
     def left_free(by_contacts: Mapping[str, Resistance]) -> tuple[str, str] | None:
         """Who moves, and how."""
@@ -479,8 +476,6 @@ def _check_undetermined(
         return _names(motions, np.eye(len(motions))) if len(motions) else None
 
     found = left_free({name: each.holds for name, each in reached.items()})
-    if found is not None and not converged:
-        return False
     if found is None:
         found = left_free({name: each.sticks for name, each in reached.items()})
         if found is None:
@@ -557,7 +552,7 @@ def check_support(result: Result) -> None:
             loaded = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
             if not (loaded and (result.converged or result.status in ("stagnated", NO_EQUILIBRIUM))):
                 continue
-            if _check_undetermined(problem, each.resistances, reached, when, result.converged):
+            if _check_undetermined(problem, each.resistances, reached, when):
                 return
 
     _decide(problem, parts_are_held)
@@ -629,8 +624,8 @@ def named_without_equilibrium(
     at: Callable[[int], Problem],
     acting: bool,
 ) -> SweepPoints:
-    """The points of an answer; those have the status ``"no_equilibrium"`` at which parts are free, or no
-    admissible forces of the interfaces balance the loads; collective.
+    """The points of an answer; those have the status ``"no_equilibrium"`` at which no admissible forces of
+    interfaces balance the loads, or ``"undetermined"`` at which parts are free and not loaded; collective.
 
     An iteration that is asked for little may call such a point converged: what slides away has not gone far.
 
@@ -646,16 +641,13 @@ def named_without_equilibrium(
         Whether what pushes on the parts differs from point to point.
     """
     points = answer.points
-    lost = {**_unbalanced(answer, at if acting else None), **_free_points(parameters, at)}
-    lost = {k: why for k, why in lost.items() if points.iterations[k] >= 0}
-    if not lost:
-        return points
-    longest = max(len(NO_EQUILIBRIUM), *(len(str(each)) for each in points.status))
-    status = np.array(points.status, dtype=f"<U{longest}")
-    status[list(lost)] = NO_EQUILIBRIUM
-    if answer.problem.rank == 0:
-        for k, why in sorted(lost.items()):
-            _log.warning("%s %d: %s", what, k, why)
+    unbalanced = _unbalanced(answer, at if acting else None)
+    status = np.array(points.status, dtype="<U16")
+    for k, why in sorted({**unbalanced, **_free_points(parameters, at)}.items()):
+        if points.iterations[k] >= 0:
+            status[k] = NO_EQUILIBRIUM if k in unbalanced else _of_free(at(k), answer.plan.times)
+            if answer.problem.rank == 0:
+                _log.warning("%s %d: %s", what, k, why)
     return replace(points, status=status)
 
 
@@ -675,6 +667,15 @@ def _free_points(parameters: Sequence[SweptParameter], at: Callable[[int], Probl
             except SceneError as failure:
                 found |= dict.fromkeys(which, str(failure))
     return found
+
+
+def _of_free(problem: Problem, times: Array | None) -> str:
+    """Status of an answer whose laws leave parts free, by whether loads drive their motions."""
+    own = {name: held(problem, i) for name, i in problem.own.interfaces.items() if problem.speaks_for(name)}
+    motions = _decide(problem, partial(_free, problem, problem.gather(own)))
+    loads = [_loads(now, motions, time) for _, time, now in _steps(problem, times)]
+    driven = any(np.linalg.norm(work) > _CERTAIN * size for work, size in loads)
+    return NO_EQUILIBRIUM if driven else UNDETERMINED
 
 
 def _is_zero(pattern: Array, values: Array) -> Flags:
@@ -834,7 +835,7 @@ def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list
         closed = force[k, :, 0] < 0.0
         if result.plan.times is not None:  # a part that is loaded later may lie there unloaded at first
             closed |= _touching(now.interfaces[interface.name], jump[k])
-        holds = sticks = held(result.problem, interface, closed)
+        holds = sticks = held(result.problem, now.interfaces[interface.name], closed | (not result.converged))
         if limits is not None:
             at = tuple(each[0, min(k, each.shape[1] - 1)] for each in limits)
             shear = np.linalg.norm(force[k, :, 1:], axis=1)

@@ -336,3 +336,44 @@ def test_a_law_that_becomes_0_is_checked_as_a_new_one(rtol: float) -> None:
     free = lf.sweep(assemble(scene), {"layer.normal": [0.0, 30.0]}, options=options, progress=False)
     assert free.status == "converged"
     assert free.force("layer")[0, :, 0] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("parameter", ["friction", "threshold"])
+@pytest.mark.parametrize("shear", [0.0, 0.05])
+def test_no_friction_is_what_a_scene_without_it_is(parameter: str, shear: float, caplog: Any) -> None:
+    """1 pushes. What friction alone holds is free without it: with a shear nothing balances that, without
+    one there is an equilibrium, of which only the place is not known."""
+    with pytest.raises(SceneError, match="'b' can move freely: translation along y") as new:
+        square_pair(Contact(), (-1.0, shear))
+    zeros = Contact(**{parameter: lambda x: 0.0 * x[:, 0]})
+    with pytest.raises(SceneError, match="'b' can move freely: translation along y"):
+        square_pair(zeros, (-1.0, shear))
+    status = "no_equilibrium" if shear else "undetermined"
+    uncertain = square_pair(Contact(**{parameter: lf.Uniform("bound", 0.0, 0.6)}), (-1.0, shear))
+    germs = np.array([[-1.0], [1.0]])
+    swept = {f"layer.{parameter}": [0.0, 0.6]}
+    for answer in (
+        lf.sweep(square_pair(Contact(**{parameter: 0.3}), (-1.0, shear)), swept, progress=False),
+        lf.sample(uncertain, germs, progress=False),
+        lf.sample(uncertain, germs, times=[1.0, 2.0], progress=False),
+        uncertain.function("layer").evaluate(np.array([[0.0], [0.6]])),
+    ):
+        assert answer.statuses.tolist() == [status, "converged"]
+    assert caplog.text.count(str(new.value)) == 4
+    in_time = lf.Amplitude([1, 2, 3], [1, 0, 1])
+    problem = square_pair(Contact(**{parameter: 0.3 * in_time}), (-1.0, shear))
+    if shear:
+        with pytest.raises(SceneError, match="no equilibrium at step 1, t = 2: 'b' has lost its support"):
+            solve(problem, times=[1.0, 2.0, 3.0])
+    else:
+        with pytest.warns(SceneWarning, match="'b' has lost its support at step 1, t = 2; no load acts"):
+            solve(problem, times=[1.0, 2.0, 3.0])
+
+
+def test_a_loose_spring_without_a_load_is_undetermined() -> None:
+    for pull, status in (((1.0, 0.0), "undetermined"), ((1.0, 0.2), "no_equilibrium")):
+        problem = square_pair(Elastic(normal=30.0, tangential=10.0), pull)
+        found = lf.sweep(problem, {"layer.tangential": [0.0, 10.0]}, progress=False)
+        assert found.statuses.tolist() == [status, "converged"]
+        force = found.force("layer")[:, :, 0] @ problem.interfaces["layer"].weights
+        assert force[1] == pytest.approx(1.0)

@@ -169,3 +169,10 @@ class Contact(Law):
     def holds(self, dim: int) -> tuple[bool, ...]:
         # as long as it is closed; whether it is, only the solution tells
         return (True,) + (self.rubs,) * (dim - 1)
+
+    def held_rows(self, points: Points) -> Array:
+        rows = super().held_rows(points)
+        if self.rubs:
+            bounds = [resolve(v, points, 1, name=n) for n, v in self.given("friction", "threshold").items()]
+            rows[:, 1:] *= np.any(bounds, axis=0)[:, :, None]
+        return rows

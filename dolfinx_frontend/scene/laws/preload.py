@@ -149,8 +149,7 @@ class Preload(Law):
         if missing:
             raise SceneError(
                 f"Preload: torque = {short(self.torque)} needs {', '.join(missing)}: friction of thread and "
-                "head, "
-                "nominal diameter and pitch"
+                "head, nominal diameter and pitch"
             )
         for name in ("mu_thread", "mu_head"):
             value = getattr(self, name)
@@ -160,8 +159,7 @@ class Preload(Law):
         if isinstance(self.torque, Varying) or not known:
             raise SceneError(
                 f"Preload: torque = {short(self.torque)}; give a number or a random number, and the times at "
-                "which "
-                "it acts by until= or during="
+                "which it acts by until= or during="
             )
         checked_number("Preload", "d", self.d, above=0.0)
         # the minor diameter of the thread is d - 1.22687 pitch
@@ -172,8 +170,7 @@ class Preload(Law):
             raise SceneError(
                 f"Preload: torque = {short(self.torque)} with mu_thread = {short(self.mu_thread)}, mu_head = "
                 f"{short(self.mu_head)} and pitch = {self.pitch:g}: nothing takes the torque, the force "
-                "would be "
-                "infinite; give a pitch or friction > 0"
+                "would be infinite; give a pitch or friction > 0"
             )
 
     def _nominal(self, name: str) -> float:

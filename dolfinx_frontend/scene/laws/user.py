@@ -80,9 +80,7 @@ class UserLaw(Law):
         if self.force is not None and self.history:
             raise SceneError("UserLaw: a law that remembers must be given by resolve or compiled")
         if not isinstance(self.components, str) or self.components not in ("all", "normal"):
-            raise SceneError(
-                f"UserLaw: components = {self.components!r}; give 'all' or 'normal'"
-            )
+            raise SceneError(f"UserLaw: components = {self.components!r}; give 'all' or 'normal'")
         check_kind("UserLaw", "values", self.values, Mapping, "give {name: value}")
         if self.name is not None:
             checked_name("UserLaw", self.name)
@@ -115,9 +113,7 @@ class UserLaw(Law):
         return resolve(self.jump, points, points.dim, "first", "jump")
 
     def fields(self, points: Points, time: float | None = None) -> Fields:
-        parameters = {
-            name: resolve(value, points, 1, name=name) for name, value in self.values.items()
-        }
+        parameters = {name: resolve(value, points, 1, name=name) for name, value in self.values.items()}
         parameters["jump"] = self.imposed(points)
         return Fields(f"user {self.label}", self.count(points.dim), self.rows(points), parameters)
 
