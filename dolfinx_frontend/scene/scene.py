@@ -42,6 +42,7 @@ from dolfinx_frontend.scene.laws import (
     Symmetry,
     Traction,
 )
+from dolfinx_frontend.scene.laws.preload import Seated
 from dolfinx_frontend.scene.loads import (
     MOMENTS,
     Load,
@@ -529,7 +530,8 @@ class Scene:
             :class:`BoltStiffness`, e.g. ``BoltStiffness.vdi2230(d=12, pitch=1.75, shank=20, thread=10,
             E=205e3)``.
         preload
-            How it is tightened, without a `stiffness`, which is the beam's.
+            How it is tightened, without a `stiffness`, which is the beam's. With `during` the beam carries
+            nothing at all before, and resists bending, shear and torsion that come after the first interval.
         """
         where = f"beam {checked_name('beam', name)!r}"
         check_kind(where, "stiffness", stiffness, BoltStiffness, "give BoltStiffness.vdi2230(...)")
@@ -551,12 +553,12 @@ class Scene:
         axial: Law = Elastic(normal=stiffness.axial)
         if preload is not None:
             axial = preload.with_(stiffness=stiffness.axial)
-        laws = {"axial": axial}
+        laws, turns = {"axial": axial}, preload and preload.during
+        others = {} if flat else {"torsion": stiffness.torsion}
         for k in (1,) if flat else (1, 2):
-            laws[f"bending{k}"] = Elastic(normal=stiffness.bending)
-            laws[f"shear{k}"] = Elastic(normal=12.0 * stiffness.bending)
-        if not flat:
-            laws["torsion"] = Elastic(normal=stiffness.torsion)
+            others |= {f"bending{k}": stiffness.bending, f"shear{k}": 12.0 * stiffness.bending}
+        for way, value in others.items():
+            laws[way] = Seated(0.0, until=turns[0][1], stiffness=value) if turns else Elastic(normal=value)
         for way, law in laws.items():
             self._remote(f"{name}.{way}", faces, law, Remote(points=(None, None), beam=way))
 

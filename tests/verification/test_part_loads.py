@@ -498,11 +498,11 @@ def test_bolts_carry_nothing_before_their_turn() -> None:
     q = bolt.bending
     beam = np.array([[12 * q / reach**2, -6 * q / reach], [-6 * q / reach, 4 * q]])
     moved = np.array([[0.0, 12.0, 1.0], [0.0, 1.0, 0.0]])
-    plate = np.diag([bed * area, bed * width * length**3 / 12, bed * area]) + 2 * moved.T @ beam @ moved
+    plate = np.diag([bed * area, bed * width * length**3 / 12, bed * area])
     rows = [np.array([1.0, place - length / 2, 0.0]) for place in places]
-    first = force + bolt.axial * rows[0] @ np.linalg.solve(plate, force * rows[0])
-    stiff = plate + bolt.axial * np.outer(rows[0], rows[0])
-    last = first - bolt.axial * rows[0] @ np.linalg.solve(stiff, force * rows[1] + first * rows[0])
+    # the first one resists what comes after its turn, by all that a beam has; the second one nothing
+    stiff = plate + bolt.axial * np.outer(rows[0], rows[0]) + moved.T @ beam @ moved
+    last = force - bolt.axial * rows[0] @ np.linalg.solve(stiff, force * rows[1])
     found = [[result.table(step=s).value("normal", f"bolt{k}.axial") for k in (0, 1)] for s in (0, 1)]
     right = np.array([[force, 0.0], [last, force]])
     assert np.array(found) == pytest.approx(right, rel=1e-6, abs=1e-6 * force)
@@ -591,6 +591,42 @@ def test_a_bolt_as_a_beam() -> None:
     moved = [float(result.quantity(p).values[0]) for p in ends]
     assert moved == pytest.approx([300 * 30**3 / (3 * E * inertia), 500 / k.axial], rel=1e-4)
     assert "a beam" in str(result.plan)
+
+
+def test_a_beam_is_free_before_its_turn_and_unstressed_by_it() -> None:
+    """A block on a bed is sheared, bolted down, and sheared and turned more: before its turn the bolt is not
+    there, and afterwards it bears its part of what is added, as a beam that was there from the beginning."""
+    k = lf.BoltStiffness.of_cylinders([(30.0, 8.0)], E)
+    shear = lf.Amplitude([0, 1, 3, 4], [0, 1, 1, 4])
+
+    def solved(preload: Any = None, beam: bool = True, in_time: bool = True) -> lf.Result:
+        scene = lf.Scene()
+        for number, part in enumerate("ab"):
+            box = geometry.box((10, 10, 10), (1, 1, 1), origin=(0, 0, 40 * number), cell="hexahedron")
+            scene.substructure(part, box, lf.LinearElastic(E, 0.0), degree=1)
+        scene.fix("a:z0")
+        scene.interface("bed", "b:z1", lf.Elastic(normal=60.0, tangential=30.0))
+        for key, size in (("force", (300.0, 200.0, 0.0)), ("twist", (0.0, 100.0, 0.0))):
+            face = "b:z0" if key == "force" else "b:z1"
+            scene.force(face, shear * size if in_time else tuple(3.0 * x for x in size), name=key)
+        if beam:
+            scene.beam("bolt", "a:z1", "b:z0", k, preload)
+        kind = {"times": [1.0, 2.0, 3.0, 4.0]} if in_time else {}
+        return lf.solve(lf.assemble(scene), options=Options(rtol=1e-9), progress=False, **kind)
+
+    turned = solved(lf.Preload(1e3, during=((2.0, 3.0),)))
+    without, added = solved(beam=False), solved(in_time=False)
+    size = np.abs(without.unknowns("b")).max()
+    for step in (0, 1):
+        for part in "ab":
+            assert turned.unknowns(part)[step] == pytest.approx(without.unknowns(part)[step], abs=1e-8 * size)
+    change = turned.unknowns("b")[3] - turned.unknowns("b")[2]
+    assert change == pytest.approx(added.unknowns("b"), abs=1e-7 * size)
+    most = abs(added.table().value("normal", "bolt.shear1"))
+    for way in ("bending1", "bending2", "shear1", "shear2", "torsion"):
+        right = [0.0, 0.0, 0.0, added.table().value("normal", f"bolt.{way}")]
+        assert turned.force(f"bolt.{way}")[:, 0, 0] == pytest.approx(right, abs=1e-6 * most)
+    assert list(turned.bolts().columns["interface"]) == ["bolt.axial"]
 
 
 def test_a_preloaded_beam_clamps_a_joint() -> None:

@@ -18,7 +18,7 @@ from dolfinx_frontend.scene.laws.base import Fields, Law, Points, resolve, settl
 from dolfinx_frontend.scene.laws.perfect import Perfect
 from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain
 
-__all__ = ["Preload"]
+__all__ = ["Preload", "Seated"]
 
 
 SAME_TIME = 1e-9
@@ -361,3 +361,18 @@ class Preload(Law):
             return settled([self.at(t)._normal_force(points) for t in times])
         given = (k for k, t in enumerate(times) if self.controlled(t) and not self.waits(t))
         return max(given, default=0)
+
+
+@dataclass(frozen=True, repr=False)
+class Seated(Preload):
+    """A spring that carries nothing until a bolt is tightened, and resists what changes afterwards."""
+
+    def parameters(self) -> dict[str, Any]:
+        return {}
+
+    @property
+    def may_loosen(self) -> bool:
+        return False  # it has no side that is loose
+
+    def tightened(self, points: Points, times: Array) -> int | None:
+        return None
