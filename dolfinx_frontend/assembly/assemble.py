@@ -69,9 +69,7 @@ def _check_law(interface: Interface) -> None:
 
 
 @alone
-def assemble(
-    scene: Scene, progress: Callable[[str], None] | None = None, *, comm: Any = None
-) -> Problem:
+def assemble(scene: Scene, progress: Callable[[str], None] | None = None, *, comm: Any = None) -> Problem:
     """Assemble a scene.
 
     Parameters
@@ -167,9 +165,7 @@ def _checked_assembly(
     return problem
 
 
-def _assemble(
-    scene: Scene, say: Callable[[str], None], comm: Any, before: Problem | None = None
-) -> Problem:
+def _assemble(scene: Scene, say: Callable[[str], None], comm: Any, before: Problem | None = None) -> Problem:
     if comm is None and MPI.COMM_WORLD.size > 1:
         warn(
             f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
@@ -362,18 +358,15 @@ def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
             if own is not None and own is not joint and joint.law.prescribes == "jump":
                 raise SceneError(
                     f"interface {joint.name!r}: {face} is rigid by {own.name!r}, and {joint.law.title} would "
-                    "hold its "
-                    "nodes a second time: add the other face to the rigid group, give its motion there, or "
-                    "use "
-                    "Elastic or Contact"
+                    "hold its nodes a second time: add the other face to the rigid group, give its motion "
+                    "there, or use Elastic or Contact"
                 )
     for joint in tied.values():
         ranks = {owner[joint.faces[0].substructure], *(owner[part] for part in joint.law.partners)}
         if len(ranks) > 1:
             raise SceneError(
                 f"interface {joint.name!r}: its rigid group has parts on ranks {sorted(ranks)}; it works on "
-                "one rank: "
-                "give these parts the same rank= in scene.substructure"
+                "one rank: give these parts the same rank= in scene.substructure"
             )
 
 
@@ -473,8 +466,7 @@ def _own_parts(
                 if other != rank and joint.remote is not None:
                     raise SceneError(
                         f"interface {name!r}: its parts are on ranks {ranks[0]} and {ranks[1]}; it works on "
-                        "one "
-                        "rank: give both parts the same rank= in scene.substructure"
+                        "one rank: give both parts the same rank= in scene.substructure"
                     )
                 if other != rank:
                     s = substructures[face.substructure]

@@ -57,9 +57,7 @@ class FaceCopy:
     def space(self) -> Any:
         """Stands for the function space in the pairing."""
         variant = basix.LagrangeVariant(self.lagrange)
-        element = basix.create_element(
-            basix.ElementFamily.P, basix.CellType[self.cell], self.degree, variant
-        )
+        element = basix.create_element(basix.ElementFamily.P, basix.CellType[self.cell], self.degree, variant)
         return SimpleNamespace(
             element=SimpleNamespace(basix_element=element),
             dofmap=SimpleNamespace(
@@ -175,9 +173,7 @@ class FacetMap:
         )
         gram = np.swapaxes(self.tangents, 1, 2) @ self.tangents
         self.scale: Array = np.sqrt(np.linalg.det(gram))
-        self.conormal: Array = np.asarray(
-            basix.cell.facet_outward_normals(self.cell), dtype=np.float64
-        )
+        self.conormal: Array = np.asarray(basix.cell.facet_outward_normals(self.cell), dtype=np.float64)
         self.facet_cell: basix.CellType = {
             "triangle": basix.CellType.interval,
             "quadrilateral": basix.CellType.interval,
@@ -345,9 +341,7 @@ class FacetMap:
 
     def lattice(self) -> Array:
         """Coordinates of a few points that represent the reference facet, (k, fdim)."""
-        points = np.asarray(
-            basix.create_lattice(self.facet_cell, 2, basix.LatticeType.equispaced, True)
-        )
+        points = np.asarray(basix.create_lattice(self.facet_cell, 2, basix.LatticeType.equispaced, True))
         if self.facet_cell == basix.CellType.triangle:
             points = np.vstack([points, np.full((1, 2), 1 / 3)])
         return points
@@ -480,9 +474,7 @@ class FacetMap:
             out = np.where(beyond[:, None], hypotenuse, out)
         return out
 
-    def closest(
-        self, index: Ints, points: Array, along: Array | None = None
-    ) -> tuple[Array, Array, Array]:
+    def closest(self, index: Ints, points: Array, along: Array | None = None) -> tuple[Array, Array, Array]:
         """Closest point of facet index[p] to points[p], or to a line through it.
 
         Parameters
@@ -523,9 +515,7 @@ class FacetMap:
         x, _ = self.push_forward(index, inside)
         return inside, x, outside
 
-    def trace(
-        self, space: Any, index: Ints, s: Array, columns: int
-    ) -> sp.csr_matrix:
+    def trace(self, space: Any, index: Ints, s: Array, columns: int) -> sp.csr_matrix:
         """Shape functions of a scalar component at points of the facets, (p, columns)."""
         element = space.element.basix_element
         closure = np.array(element.entity_closure_dofs[self.dim - 1])[self.local[index]]
@@ -536,9 +526,7 @@ class FacetMap:
         nodes = np.asarray(space.dofmap.list)[self.cells[index]]
         dofs = np.take_along_axis(nodes, closure, axis=1)
         p, k = closure.shape
-        matrix = sp.csr_matrix(
-            (values.ravel(), dofs.ravel(), np.arange(0, p * k + 1, k)), shape=(p, columns)
-        )
+        matrix = sp.csr_matrix((values.ravel(), dofs.ravel(), np.arange(0, p * k + 1, k)), shape=(p, columns))
         matrix.sum_duplicates()
         return matrix
 
@@ -547,9 +535,7 @@ class FacetMap:
         values = self.alike_shapes(space, s)
         p, k = len(self) * len(s), values.shape[2]
         dofs = np.repeat(self.closure_dofs(space), len(s), axis=0)
-        matrix = sp.csr_matrix(
-            (values.ravel(), dofs.ravel(), np.arange(0, p * k + 1, k)), shape=(p, columns)
-        )
+        matrix = sp.csr_matrix((values.ravel(), dofs.ravel(), np.arange(0, p * k + 1, k)), shape=(p, columns))
         matrix.sum_duplicates()
         return matrix
 

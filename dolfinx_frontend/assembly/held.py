@@ -26,9 +26,7 @@ def held(problem: Problem, interface: Interface, where: Flags | Array | None = N
     return resistance_of(interface, length, where)
 
 
-def resistance_of(
-    interface: Interface, length: float, where: Flags | Array | None = None
-) -> Resistance:
+def resistance_of(interface: Interface, length: float, where: Flags | Array | None = None) -> Resistance:
     if interface.law.elimination is Elimination.TIED:
         return _of_tie(interface, cast(Rigid, interface.law.nominal), length)
     if interface.wrench is not None:

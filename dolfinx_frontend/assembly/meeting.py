@@ -7,22 +7,28 @@ they were added.  Where several parts meet one face, a vertex belongs to the int
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
 from dolfinx_frontend.assembly.held_nodes import Held, held_by, joined_holds
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.overlap import common, constant, shape_of
 from dolfinx_frontend.assembly.pairing import coincide, near_facets
+from dolfinx_frontend.assembly.places import NEAR
 from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.scene import Scene
 
-__all__ = ["held_nodes"]
+__all__ = ["Differing", "Off", "held_nodes", "refuse", "supports_that_meet"]
 
 _Where = tuple[str, int]
 
@@ -111,9 +117,7 @@ def _of_one_part(faces: _Faces, members: list[_Where]) -> dict[_Where, Held]:
         joint = scene.interfaces[where[0]]
         face = joint.faces[where[1]]
         label = (face.substructure, face.face)
-        return held_by(
-            where[0], joint.law, label, len(joint.faces), faces.facets(where), faces.space(where)
-        )
+        return held_by(where[0], joint.law, label, len(joint.faces), faces.facets(where), faces.space(where))
 
     glued = cache(faces.glued)
     covered = cache(faces.covered)
@@ -151,3 +155,63 @@ def _shared(held: Held, covered: Any, first: bool) -> Held:
     some = np.isin(held.nodes, covered)
     least = np.full(int(some.sum()), _HALF + (_EVEN if first else -_EVEN))
     return replace(held, nodes=held.nodes[some], directions=held.directions[some], least=least)
+
+
+def supports_that_meet(
+    interfaces: Mapping[str, Interface], substructures: Mapping[str, Substructure]
+) -> Iterator[tuple[Interface, Interface, Array]]:
+    """Supports of two parts that meet at a glued joint whose meshes do not match, and points (m, d) where."""
+    here = [i for i in interfaces.values() if all(s.substructure in substructures for s in i.sides)]
+    for joint in here:
+        if joint.law.eliminated(True) is not Elimination.GLUED or joint.matching is not None:
+            continue  # no glue, or with a jump
+        met: list[list[tuple[Interface, Array]]] = [[], []]
+        for ends, side in zip(met, joint.sides, strict=True):
+            for i in here:
+                if i.law.elimination is Elimination.REMOVED and i.sides[0].substructure == side.substructure:
+                    nodes = np.intersect1d(i.sides[0].nodes, side.nodes)
+                    if len(nodes):
+                        ends.append((i, substructures[side.substructure].dof_coordinates[nodes]))
+        for one, x in met[0]:
+            for other, y in met[1]:
+                least = NEAR * min(substructures[i.sides[0].substructure].length for i in (one, other))
+                found = np.concatenate([x[_away(x, y) < least], y[_away(y, x) < least]])
+                if len(found):
+                    yield one, other, np.unique(found, axis=0)
+
+
+def _away(x: Array, line: Array) -> Array:
+    """(m,): distance of points (m, d) from what lies between neighbouring nodes (n, d) of a line."""
+    near = cKDTree(line).query(x, [1, 2, 3][: len(line)])[1]  # it is between two of these
+    first, along = line[near][:, :, None], line[near][:, None] - line[near][:, :, None]
+    beside = x[:, None, None] - first
+    squared = np.maximum(np.sum(along**2, axis=3), np.finfo(float).tiny)
+    at = np.clip(np.sum(beside * along, axis=3) / squared, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(beside - at[..., None] * along, axis=3).min(axis=(1, 2)))
+
+
+class Off(NamedTuple):
+    """What is prescribed differently: (n, k) at common nodes, the largest value, and how to say it."""
+
+    values: Array
+    scale: float
+    said: Callable[[Array], str]
+
+
+Differing = dict[str, Off]
+
+
+def refuse(off: Mapping[Amplitude | None, Differing], moments: Iterable[float]) -> None:
+    """Raise where the sums of load patterns are off at a moment: their functions of time differ."""
+    for place in dict.fromkeys(place for each in off.values() for place in each):
+        found = {a: each[place] for a, each in off.items() if place in each}
+        values = np.array([one.values for one in found.values()])
+        factors = np.array([[1.0 if a is None else a(t) for a in found] for t in moments])
+        least = 1e-9 * float((np.abs(factors) * [one.scale for one in found.values()]).max())
+        rows = np.any(np.abs(values) > 0.0, axis=(0, 2))
+        at = np.abs(np.tensordot(factors, values[:, rows], 1))
+        worst = np.zeros_like(values[0])
+        worst[rows] = at[np.argmax(at.max(axis=(1, 2), initial=0.0))]
+        if worst.max(initial=0.0) > least:
+            worst[worst <= least] = 0.0
+            raise SceneError(next(iter(found.values())).said(worst))

@@ -89,13 +89,9 @@ def hats(shape: mortar.Shape) -> mortar.Functions:
     return _functions(shape, 1, [element], [lambda s: s], [np.arange(element.dim)])
 
 
-def _functions(
-    shape: mortar.Shape, degree: int, elements: Any, places: Any, chosen: Any
-) -> mortar.Functions:
+def _functions(shape: mortar.Shape, degree: int, elements: Any, places: Any, chosen: Any) -> mortar.Functions:
     """Coefficients of nodal bases on facets: of elements at the places of facet coordinates, chosen ones."""
-    s = np.asarray(
-        basix.create_lattice(basix.CellType[shape], max(degree, 1), basix.LatticeType.gll, True)
-    )
+    s = np.asarray(basix.create_lattice(basix.CellType[shape], max(degree, 1), basix.LatticeType.gll, True))
     table = mortar.monomials(shape, degree, s)
     values = [
         tabulate(e, 0, np.ascontiguousarray(place(s)))[0][:, keep]

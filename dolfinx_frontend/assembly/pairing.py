@@ -268,10 +268,9 @@ def _check_pairing(
                 "positions of the parts, or raise max_distance"
             )
         raise SceneError(
-            f"{where}: the facets do not face each other at {np.count_nonzero(bad)} of "
-            f"{len(points)} points of {names[0]} ({100 * share:.3g} % of its area has no partner "
-            f"on {names[1]}; {reason}); give the smaller face first, split the larger one, or "
-            "raise max_distance"
+            f"{where}: the facets do not face each other at {np.count_nonzero(bad)} of {len(points)} points "
+            f"of {names[0]} ({100 * share:.3g} % of its area has no partner on {names[1]}; {reason}); give "
+            "the smaller face first, split the larger one, or raise max_distance"
         )
     along = np.einsum("pi,pi->p", offset, n2)[:, None] * n2
     beside = np.linalg.norm(offset - along, axis=1) > 0.02 * sizes
@@ -344,16 +343,14 @@ def _apart(pair: _Pair) -> float:
     return float(np.median(both.mean(axis=0)[side * side.sum() > 0.0]))
 
 
-def _match(
-    size: float, sides: tuple[Side, Side], coordinates: tuple[Array, Array]
-) -> Ints | None:
+def _match(size: float, sides: tuple[Side, Side], coordinates: tuple[Array, Array]) -> Ints | None:
     """Pairs of nodes at the same place, if there the traces agree too."""
     first, second = sides
     if len(first.nodes) != len(second.nodes):
         return None
     x1, x2 = coordinates[0][first.nodes], coordinates[1][second.nodes]
     distance, partner = cKDTree(x2).query(x1)
-    if distance.max() > 1e-6 * size or len(np.unique(partner)) < len(partner):
+    if distance.max() > _ALIKE * size or len(np.unique(partner)) < len(partner):
         return None
     nodes2 = second.nodes[partner]
     difference = first.shape[:, first.nodes] - second.shape[:, nodes2]
@@ -590,7 +587,7 @@ def coincide(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
         return False
     size = float(min(face.sizes.min() for face in faces))
     distance, _ = cKDTree(x[1]).query(x[0])
-    return bool(distance.max() <= 1e-6 * size)
+    return bool(distance.max() <= _ALIKE * size)
 
 
 def _same_facets(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
@@ -600,7 +597,7 @@ def _same_facets(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
     if len(kinds) > 1:
         return False
     distance, _ = cKDTree(faces[1].samples.mean(axis=1)).query(faces[0].samples.mean(axis=1))
-    return bool(distance.max() <= 1e-6 * min(face.sizes.min() for face in faces))
+    return bool(distance.max() <= _ALIKE * min(face.sizes.min() for face in faces))
 
 
 def make_interface(
@@ -698,9 +695,7 @@ def make_interface(
         if overlap == "full":
             _warn_of_areas(where, names, sides)
         if alike:
-            coordinates = tuple(
-                v.tabulate_dof_coordinates()[: v.dofmap.index_map.size_local] for v in spaces
-            )
+            coordinates = tuple(v.tabulate_dof_coordinates()[: v.dofmap.index_map.size_local] for v in spaces)
             size = float(min(face.sizes.min() for face in faces))
             matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
         if matching is None:

@@ -188,8 +188,7 @@ def _from_strain(load: Load, s: Substructure, initial: Any) -> _Shape:
     if stress_of is None:
         raise SceneError(
             f"{load.where}: the material of part {s.name!r} is a form, of which the stress of an initial "
-            "strain "
-            "is not known: give LinearElastic or OrthotropicElastic, a material with a method "
+            "strain is not known: give LinearElastic or OrthotropicElastic, a material with a method "
             "stress_of(strain, mesh), or the load itself by scene.load"
         )
     stress = stress_of(initial, s.part.mesh)
@@ -290,8 +289,7 @@ def _wrench(face: FaceOf, kind: str, axis: int, point: Array) -> Array:
         if kind == "moment" or axis != 1:
             raise SceneError(
                 f"{face.where}: a {kind} along {AXES[axis]!r} on an axisymmetric part, which has total "
-                "forces along "
-                "y (its axis) only; use a pressure or a traction for radial ones"
+                "forces along y (its axis) only; use a pressure or a traction for radial ones"
             )
         return np.tile([0.0, 1.0 / face.area], (len(face.x), 1))
     if kind == "moment":
@@ -325,8 +323,7 @@ def _bearing(load: Load, s: Substructure, shape: Any) -> _Shape:
     if total <= 1e-9 * face.area:
         raise SceneError(
             f"{load.where}: no part of the face looks against the force {vector.tolist()}: a pin presses on "
-            "a wall "
-            "whose outward normal is opposite to its force; turn the force round, or use scene.force"
+            "a wall whose outward normal is opposite to its force; turn the force round, or use scene.force"
         )
     traction = -size / total * cosine[:, None] * face.normals
     # a mesh that is not symmetric leaves a transverse resultant

@@ -491,9 +491,7 @@ class Problem(OneProcess):
             out[name] = out[name].with_(**{parameter: value})
         return out
 
-    def with_laws(
-        self, laws: dict[str, Law] | None = None, values: dict[str, Any] | None = None
-    ) -> Problem:
+    def with_laws(self, laws: dict[str, Law] | None = None, values: dict[str, Any] | None = None) -> Problem:
         """The same parts and interfaces with some laws replaced; nothing is assembled again.
 
         Parameters

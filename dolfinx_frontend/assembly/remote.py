@@ -10,15 +10,13 @@ import scipy.sparse as sp
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.interface import Interface, Side
 from dolfinx_frontend.assembly.part_loads import FaceOf, cross, fitting
+from dolfinx_frontend.assembly.places import NEAR
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote
 
 __all__ = ["remote_interface"]
-
-_NEAR = 1e-6
-"""Distance of a node from where it is wanted, relative to the part's size."""
 
 
 def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> Interface:
@@ -53,9 +51,7 @@ def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> 
     Its bending energy is E I / 2 L (theta2 - theta1)^2 + 6 E I / L ((theta1 + theta2) / 2 - dv / L)^2.
     """
     where, d = f"interface {spec.name!r}", parts[0].dim
-    ends = [
-        FaceOf(s, face.face, where).centre for face, s in zip(spec.faces, parts, strict=True)
-    ]
+    ends = [FaceOf(s, face.face, where).centre for face, s in zip(spec.faces, parts, strict=True)]
     length = float(np.linalg.norm(ends[1] - ends[0]))
     size = max(s.length for s in parts)
     if length < 1e-6 * size:
@@ -116,12 +112,11 @@ def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> 
     away = np.linalg.norm(s.dof_coordinates - point, axis=1)
     node = int(np.argmin(away))
     size = float(np.ptp(s.dof_coordinates, axis=0).max())
-    if away[node] > _NEAR * size:
+    if away[node] > NEAR * size:
         near = ", ".join(f"{v:.6g}" for v in s.dof_coordinates[node])
         raise SceneError(
             f"{where}: there is no node of {s.name!r} at ({', '.join(f'{v:.6g}' for v in point)}); the "
-            "nearest one "
-            f"is at ({near}), {away[node]:.4g} away: give that, or fix a face"
+            f"nearest one is at ({near}), {away[node]:.4g} away: give that, or fix a face"
         )
     count = s.size // s.dim
     shape = sp.csr_matrix((np.ones(1), (np.zeros(1, dtype=int), np.array([node]))), shape=(1, count))
@@ -132,9 +127,7 @@ def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> 
     return _made(spec, (side,), s.dof_coordinates[node].copy(), None)
 
 
-def _side(
-    s: Substructure, face: Face, trace: Any, shape: sp.csr_matrix, nodes: Any, area: float
-) -> Side:
+def _side(s: Substructure, face: Face, trace: Any, shape: sp.csr_matrix, nodes: Any, area: float) -> Side:
     d = s.dim
     normals = np.tile(np.eye(d)[0], (len(nodes), 1))
     lever = float(abs(trace).sum(axis=1).max())

@@ -109,9 +109,7 @@ def _merge(links: list[_Link], labels: Ints, d: int) -> Ints:
         united = []
         for pair, members in pairs.items():
             centre = np.mean([m.origin[0] for m in members], axis=0)
-            length = max(
-                m.origin[1] + float(np.linalg.norm(m.origin[0] - centre)) for m in members
-            )
+            length = max(m.origin[1] + float(np.linalg.norm(m.origin[0] - centre)) for m in members)
             gram = np.zeros_like(members[0].gram)
             for m in members:
                 S = _transfer(d, (centre, length), m.origin)
@@ -211,9 +209,7 @@ Resistance = tuple[tuple[str, ...], Array, tuple[Array, float]]
 """Names of the parts of an interface, Gram matrix of the rigid motions that it resists, and what about."""
 
 
-def resistance(
-    sides: tuple[str, ...], x: Array, weights: Array, rows: Array, size: float
-) -> Resistance:
+def resistance(sides: tuple[str, ...], x: Array, weights: Array, rows: Array, size: float) -> Resistance:
     """What an interface resists.
 
     Parameters
@@ -273,9 +269,7 @@ class FreeMotions:
         ]
 
 
-def free_motions(
-    parts: Mapping[str, tuple[Array, float]], resistances: Sequence[Resistance]
-) -> FreeMotions:
+def free_motions(parts: Mapping[str, tuple[Array, float]], resistances: Sequence[Resistance]) -> FreeMotions:
     """Rigid motions of the parts that no interface resists; arguments as check_resistances."""
     names = list(parts)
     first_centre, _ = next(iter(parts.values()))
@@ -302,9 +296,7 @@ def free_motions(
         ends = [(int(labels[link.first]), 1.0), (int(labels[link.second]), -1.0)]
         if ends[0][0] == ends[1][0]:
             continue
-        maps = [
-            (c, sign * _transfer(d, origins[c], link.origin)) for c, sign in ends if c > 0
-        ]
+        maps = [(c, sign * _transfer(d, origins[c], link.origin)) for c, sign in ends if c > 0]
         for a, A in maps:
             for b, B in maps:
                 blocks.append((a - 1, b - 1, A.T @ link.gram @ B))
@@ -360,14 +352,10 @@ def check_rigid_bodies(
     SceneError
         Names the parts, their free motions and the remedy.
     """
-    check_resistances(
-        parts, [resistance(*each, parts[each[0][0]][1]) for each in interfaces.values()]
-    )
+    check_resistances(parts, [resistance(*each, parts[each[0][0]][1]) for each in interfaces.values()])
 
 
-def check_resistances(
-    parts: Mapping[str, tuple[Array, float]], resistances: Sequence[Resistance]
-) -> None:
+def check_resistances(parts: Mapping[str, tuple[Array, float]], resistances: Sequence[Resistance]) -> None:
     """Raise if parts can move without any resistance, see :func:`check_rigid_bodies`.
 
     Parameters

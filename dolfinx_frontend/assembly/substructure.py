@@ -411,9 +411,7 @@ def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
             )
         integrand = _integral(integrand, spec.part.mesh, _degree(spec), spec.axisymmetric)
     if len(integrand.arguments()) != 2:
-        raise SceneError(
-            f"substructure {spec.name!r}: what the material returned is not bilinear in (u, v)"
-        )
+        raise SceneError(f"substructure {spec.name!r}: what the material returned is not bilinear in (u, v)")
     return integrand
 
 
@@ -472,8 +470,7 @@ def load_form(spec: SubstructureSpec, space: Any, force: Any) -> Any:
         force = fem.Constant(spec.part.mesh, vector)
     if force.ufl_shape != (spec.dim,):
         raise SceneError(
-            f"substructure {spec.name!r}: body_force has shape {force.ufl_shape}, "
-            f"({spec.dim},) is wanted"
+            f"substructure {spec.name!r}: body_force has shape {force.ufl_shape}, ({spec.dim},) is wanted"
         )
     v = ufl.TestFunction(space)
     around = ring(spec.part.mesh) if spec.axisymmetric else 1.0

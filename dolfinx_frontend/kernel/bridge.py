@@ -16,6 +16,7 @@ import numpy as np
 from latin_core import Laws, NumericalError, Structure, _core
 
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.meeting import refuse
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
@@ -33,7 +34,6 @@ from dolfinx_frontend.plan.reduction import (
     factorised_stiffness,
     reduce,
 )
-from dolfinx_frontend.plan.ties import refuse
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
 from dolfinx_frontend.scene.loads import LoadTerm

@@ -16,12 +16,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import Interface, frames
+from dolfinx_frontend.assembly.meeting import Differing, Off, refuse, supports_that_meet
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
-from dolfinx_frontend.plan.ties import Differing, Off, refuse, ties_of
+from dolfinx_frontend.plan.ties import ties_of
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law, Rigid
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -278,18 +279,27 @@ def _held_classes(
         value = target @ np.linalg.pinv(D, rcond=1e-6).T
         if len(used) > 1:
             quoted = " and ".join(sorted({repr(held[k][0].name) for k in used}))
-            off[str(used)] = Off(value @ D.T - target, largest, partial(_differ, quoted))
+            off[str(used)] = Off(value @ D.T - target, largest, partial(_differ, quoted, "nodes"))
         kind[classes[chosen]] = len(basis_of)
         fixed[classes[chosen]] = value
         basis_of.append(_free_basis(D))
     return _Classes(basis_of, kind, fixed)
 
 
-def _differ(quoted: str, wrong: Array) -> str:
+def _differ(quoted: str, what: str, wrong: Array) -> str:
     return (
         f"interfaces {quoted} prescribe different displacements at {np.count_nonzero(wrong.any(axis=1))} "
-        f"common nodes (up to {wrong.max():.4g} off their compromise); make them agree or shrink a face"
+        f"common {what} (up to {wrong.max():.4g} off their compromise); make them agree or shrink a face"
     )
+
+
+def _at_points(x: Array, one: Interface, other: Interface, amplitude: Amplitude | None) -> Differing:
+    """What supports prescribe differently at points (m, d)."""
+    both = [i.law.pattern(amplitude).constraint(i.name, i.sides[0], x) for i in (one, other)]
+    rows, target = np.concatenate([r for r, _ in both]), np.concatenate([v for _, v in both], axis=1)
+    off = target @ np.linalg.pinv(rows, rcond=1e-6).T @ rows.T - target
+    said = partial(_differ, f"{one.name!r} and {other.name!r}", "points")
+    return {"points": Off(off, float(np.abs(target).max(initial=0.0)), said)}
 
 
 def _prolongation(classes: _Classes, own: Ints, columns: Ints) -> sp.csr_matrix:
@@ -329,7 +339,8 @@ def _joined(
 
 
 def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> None:
-    """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept.
+    """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept,
+    and displacements of supports that meet at a glued joint whose meshes do not match.
 
     A kept interface prescribes what an eliminated one does: no field has both values, and forces that enforce
     them grow without limit as an iteration goes on. Different amplitudes may agree at all moments.
@@ -345,6 +356,9 @@ def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iter
         if all(side.substructure in problem.substructures for side in i.sides)
         and i.law.elimination is (Elimination.REMOVED if i.matching is None else Elimination.GLUED)
     }
+    amplitudes = (None, *problem.amplitudes)
+    for one, other, x in supports_that_meet(problem.interfaces, problem.substructures):
+        refuse({a: _at_points(x, one, other, a) for a in amplitudes}, moments)
     if all(name in eliminated for name in prescribing):
         return  # `reduce` sees them all
     for members in members_of_bodies(problem, prescribing):
@@ -352,7 +366,7 @@ def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iter
         counts = [len(problem.substructures[m].dof_coordinates) for m in members]
         ends = np.cumsum([0, *counts])
         start = {m: int(end) for m, end in zip(members, ends, strict=False)}
-        off: dict[Amplitude | None, Differing] = {a: {} for a in (None, *problem.amplitudes)}
+        off: dict[Amplitude | None, Differing] = {a: {} for a in amplitudes}
         for amplitude, found in off.items():
             laws = {i.name: i.law.pattern(amplitude) for i in inside}
             _joined(problem, inside, laws, start, sum(counts), found)

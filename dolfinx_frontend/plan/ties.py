@@ -2,53 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.meeting import Differing, Off
 from dolfinx_frontend.assembly.part_loads import fitting
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Rigid
 
-__all__ = ["Off", "Ties", "given_motions", "refuse", "ties_of"]
+__all__ = ["Ties", "given_motions", "ties_of"]
 
 _LEVEL = 1e-6
 """Sines of angles below this are rounding of the mesh."""
-
-
-class Off(NamedTuple):
-    """What is prescribed differently: (n, k) at common nodes, the largest value, and how to say it."""
-
-    values: Array
-    scale: float
-    said: Callable[[Array], str]
-
-
-Differing = dict[str, Off]
-
-
-def refuse(off: Mapping[Amplitude | None, Differing], moments: Iterable[float]) -> None:
-    """Raise where the sums of load patterns are off at a moment: their functions of time differ."""
-    for place in dict.fromkeys(place for each in off.values() for place in each):
-        found = {a: each[place] for a, each in off.items() if place in each}
-        values = np.array([one.values for one in found.values()])
-        factors = np.array([[1.0 if a is None else a(t) for a in found] for t in moments])
-        least = 1e-9 * float((np.abs(factors) * [one.scale for one in found.values()]).max())
-        rows = np.any(np.abs(values) > 0.0, axis=(0, 2))
-        at = np.abs(np.tensordot(factors, values[:, rows], 1))
-        worst = np.zeros_like(values[0])
-        worst[rows] = at[np.argmax(at.max(axis=(1, 2), initial=0.0))]
-        if worst.max(initial=0.0) > least:
-            worst[worst <= least] = 0.0
-            raise SceneError(next(iter(found.values())).said(worst))
 
 
 @dataclass(frozen=True)

@@ -185,3 +185,37 @@ def test_the_same_function_of_time_written_otherwise_is_no_contradiction(other, 
     strain = (-0.5e-3 if kind == "jumps" else 0.5e-3) * np.array([0.5, 0.75, 1.0])
     moved = result.unknowns("a").reshape(3, -1, 2)[..., 1]
     assert moved == pytest.approx(strain[:, None] * height, abs=1e-9)
+
+
+@pytest.mark.parametrize("active", [None, "all"])
+@pytest.mark.parametrize("cells", [(2, 2), (2, 3), (3, 2)])
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_contradictions_are_refused_whether_meshes_match_or_not(active, cells, dim, degree):
+    """Two glued blocks, the second one half as wide: along their common edge no displacement is both."""
+
+    def along(more=0.0):
+        def value(x):
+            out = np.zeros((len(x), dim))
+            out[:, 1] = 1e-3 + x[:, -1] ** 2 + more * (x[:, -1] * (0.5 - x[:, -1]) + (x[:, 0] - 1.0))
+            return out
+
+        return value
+
+    def blocks(other, jump=0.0):
+        scene = Scene()
+        for name, x, n, width in (("a", 0.0, cells[0], 1.0), ("b", 1.0, cells[1], 0.5)):
+            box = geometry.box((1.0, 1.0, width)[:dim], (n,) * dim, origin=(x, 0.0, 0.0)[:dim])
+            scene.substructure(name, box, LinearElastic(1e5, 0.0), degree=degree)
+        scene.interface("glue", "a:x1", "b:x0", Perfect(jump=jump), overlap="partial" if dim == 3 else "full")
+        scene.fix(["a:y0", "b:y0"])
+        scene.fix("a:y1", along(), (0, 1), "ta")
+        scene.fix("b:y1", other, (0, 1), "tb")
+        return lf.solve(assemble(scene), active=active, progress=False)
+
+    # 1e-3 apart, at the ends of the common edge not at all
+    with pytest.raises(lf.SceneError, match="'ta' and 'tb' prescribe different displacements at"):
+        blocks(along(0.016))
+    assert blocks(along()).converged
+    if cells[0] != cells[1]:  # what a jump allows is not looked at
+        assert blocks(along(0.016), (0.0, *(1e-3,) * (dim - 1))).converged
