@@ -95,8 +95,7 @@ class Face(ABC):
     @property
     @abstractmethod
     def status(self) -> str:
-        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"inexact"`` (rounding leaves more than
-        the tolerance), ``"diverged"``, ``"no_equilibrium"`` (of points), ``"interrupted"``."""
+        """``"converged"``, or how else it ended: ``docs/statuses.md`` has them all."""
 
     @abstractmethod
     def force(self, interface: str) -> Array:

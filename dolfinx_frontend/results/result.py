@@ -100,8 +100,7 @@ class Result(Value, Face):
 
     @property
     def status(self) -> str:
-        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"``, ``"interrupted"``, or
-        ``"inexact"``: rounding leaves more than the tolerance."""
+        """``"converged"``, or how else it ended: ``docs/statuses.md`` has them all."""
         if self.corrected is not None:
             return direct_status(self.corrected.accuracy, self.plan.options.rtol)
         return self.summary.status

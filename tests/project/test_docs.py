@@ -14,6 +14,7 @@ import make_bracket_step
 import pytest
 
 import dolfinx_frontend
+from dolfinx_frontend.results.accuracy import STATUSES, remedy
 from tests.helpers import printed_as_shown, shown_blocks
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -182,3 +183,20 @@ def test_pages_build_without_warnings(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     page = (tmp_path / "html" / "api" / "laws.html").read_text()
     assert 'id="dolfinx_frontend.scene.laws.contact.Contact"' in page and "|f_t| &lt;= mu |f_n| + tau" in page
+
+
+def test_statuses_are_those_of_the_code() -> None:
+    """The page has every status, from the best to the worst; a solution ends as the kernel says."""
+    page = (DOCS / "statuses.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| (\w+) \| (\w+) \| .+ \| .+ \|$", page, re.M)
+    assert tuple(status for status, _, _ in rows) == STATUSES
+    root = DOCS.parent
+    header = (root / "latin_core" / "include" / "latin" / "iteration" / "summary.hpp").read_text()
+    enum = header.split("enum class Status {")[1].split("}")[0]
+    of_kernel = set(re.findall(r"^  (\w+),? +///<", enum, re.M))
+    assert {status for status, of_solution, _ in rows if of_solution == "yes"} == of_kernel
+    stub = (root / "latin_core" / "python" / "latin_core" / "_core.pyi").read_text()
+    typed = re.search(r"^Status: TypeAlias = Literal\[(.*?)\]", stub, re.M | re.S)
+    assert typed is not None and set(re.findall(r'"(\w+)"', typed[1])) == of_kernel
+    assert {status for status, _, of_point in rows if of_point == "yes"} == set(STATUSES)
+    assert all(bool(remedy(status)) == (status != "converged") for status in STATUSES)

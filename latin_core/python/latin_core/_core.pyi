@@ -20,7 +20,9 @@ Mat: TypeAlias = Any  # petsc4py.PETSc.Mat, sequential; petsc4py has no types of
 Sparse: TypeAlias = Any  # scipy.sparse matrix, float64
 Backend: TypeAlias = Literal["automatic", "cholmod", "cholmod64", "mumps"]
 Operator: TypeAlias = Literal["automatic", "condensed", "factored"]
-Status: TypeAlias = Literal["converged", "max_iterations", "stagnated", "inexact", "diverged", "interrupted"]
+Status: TypeAlias = Literal[
+    "converged", "max_iterations", "stagnated", "inexact", "diverged", "no_equilibrium", "interrupted"
+]
 
 class InputError(ValueError): ...
 class NumericalError(RuntimeError): ...

@@ -147,9 +147,7 @@ def differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> list[str]
     ]
 
 
-def wrong_array(
-    arrays: Mapping[str, Any], name: str, kinds: str, shape: tuple[int, ...] | None
-) -> str:
+def wrong_array(arrays: Mapping[str, Any], name: str, kinds: str, shape: tuple[int, ...] | None) -> str:
     """What is wrong with an array of a point, by its name; empty: nothing.
 
     Parameters
