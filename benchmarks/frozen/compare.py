@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,8 @@ from frozen.store import Record
 
 WORSE = 3.0
 """A later state may say so many times the error said at the freeze."""
+ROUNDING = 1e-5
+"""Rounding of a number over the error said of it: 3e-13 of it at 3e-8."""
 GROWN, GROWN_BYTES = 1.05, 1.2
 """Ratios above which a count, or the peak of memory, has grown."""
 PEAK = "peak bytes"
@@ -60,13 +63,17 @@ def _good(old: Record, new: Record) -> Iterator[Difference]:
             kind = "status" if _statuses(word) else "word"
             if kind == "word" or not _better(word, found):
                 yield Difference(name, key, kind, word, found)
+    rounding = _rounding(old)
     for key, (value, error) in old["values"].items():
         if key not in new["values"]:
             yield Difference(name, key, "vanished", shown(value), "nothing")
-        elif _is_zero(old, key):
+            continue
+        if _is_zero(old, key):
             continue  # what is left of it is rounding, without a size of its own: its right value is asked
-        elif not same(value, new["values"][key][0], (1.0 + WORSE) * float(error)):
-            found = new["values"][key][0]
+        found, now = new["values"][key]
+        # how much the later state may say is asked below
+        allowed = max((1.0 + WORSE) * float(error), float(error) + float(now), rounding[_quantity(key)])
+        if not same(value, found, allowed):
             about = f"{_apart(value, found)} apart, error {float(error):.1e}"
             yield Difference(name, key, "value", shown(value), shown(found), about)
     for key, (error, floor) in old["said"].items():
@@ -80,6 +87,20 @@ def _good(old: Record, new: Record) -> Iterator[Difference]:
             yield Difference(name, key, "error said", shown(error), shown(found), "more than three times")
     for key in sorted(missed(new)):
         yield _missed(old, new, key)
+
+
+def _quantity(key: str) -> str:
+    """What a number is of, whatever the step, and whether it is a norm or a probe."""
+    return re.split(r"@| norm$| probe$", key)[0]
+
+
+def _rounding(record: Record) -> dict[str, float]:
+    """Of each quantity what rounding of its largest step leaves in all of them."""
+    largest: dict[str, float] = {}
+    for key, (_, error) in record["values"].items():
+        quantity = _quantity(key)
+        largest[quantity] = max(largest.get(quantity, 0.0), ROUNDING * float(error))
+    return largest
 
 
 def _is_zero(record: Record, key: str) -> bool:

@@ -1,9 +1,10 @@
 """When Newton's method begins beside an accelerated iteration that may not need it.
 
 The dense flexibility of all active unknowns takes their third power, a step of the accelerated iteration
-the second one. So Newton's method begins at once where it costs no more than the iterations that it
-usually saves, or little beside the factors. Else it waits until the iterations so far have cost as much
-as it will: at worst both are paid for.
+the second one; where that is much beside the factors Newton's method takes the whole bodies, which costs
+some more of these. It begins at once where it costs no more than the iterations that it usually saves, or
+little beside the factors. Else it waits until the iterations so far have cost as much as it will: at worst
+both are paid for.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ _SYSTEMS = 2.0
 """LU factorisations for each column: the tangents of a first step, and of a last one."""
 _SMALL = 0.1
 """Share of the factorisations of the bodies that is little."""
+_FEW, _WHOLE = 3000, 5.0
+"""Unknowns up to which it is dense (as in the kernel's ``structure.hpp``); factorisations of the bodies, else."""
 
 
 class Newton(NamedTuple):
@@ -43,7 +46,7 @@ class Newton(NamedTuple):
     dense
         Unknowns of the interfaces of all ranks where it has their dense flexibility, else 0.
     flops, memory
-        Operations and bytes of that flexibility and its factors.
+        Operations and bytes of that flexibility and its factors, or of the whole bodies.
     choice, reason
         As the plan says it; empty where nothing is to be said.
     """
@@ -63,6 +66,7 @@ class _Work(NamedTuple):
     memory: float
     iteration: float
     factor: float
+    numbers: float
 
 
 def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Options) -> Newton:
@@ -83,13 +87,16 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
     here = tuple(name for name in kept if name in problem.own.interfaces)
     bodies = [body for body in bodies_of(problem.own, here) if body.active]
     zone = interface_unknowns(problem, kept)
+    work = _work(problem, here, bodies, zone, columns)
     dense = _is_dense(problem, bodies, zone, options)
+    whole = zone > _FEW and not (dense and _OF_SYSTEM * float(zone) ** 3 <= _SMALL * FACTOR * work.factor)
     asked = options.newton != "automatic"
     laws = [problem.interfaces[name].law for name in kept]
-    if not dense:
+    if not (dense or whole):
         steps = int(options.newton) if asked else 1
         return Newton(steps, choice=_begins(steps), reason="by global stages: there is no dense flexibility")
-    work = _work(problem, here, bodies, zone, columns)
+    if whole:
+        work = work._replace(flops=_WHOLE * work.factor * _DENSE, memory=work.numbers)
     seconds = work.flops / _DENSE
     saved = NONLINEAR * log10(1.0 / options.rtol) / 4.0
     steps = min(max(int(seconds / work.iteration), 1), options.max_iterations // 2)
@@ -99,7 +106,8 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
         steps = int(options.newton)
     elif path or steps <= saved or seconds <= _SMALL * work.factor:
         steps = 1
-    takes = f"the flexibility of {zone} unknowns takes about {seconds / speed():.2g} s"
+    what = f"with the whole bodies and {zone} unknowns it" if whole else f"the flexibility of {zone} unknowns"
+    takes = f"{what} takes about {seconds / speed():.2g} s"
     if asked:
         reason = f"asked for; {takes}"
     elif path:
@@ -108,7 +116,7 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
         reason = f"{takes}, no more than the iterations that it usually saves"
     else:
         reason = f"{takes}, an accelerated step {work.iteration / speed():.2g} s"
-    return Newton(steps, zone, work.flops, work.memory, _begins(steps), reason)
+    return Newton(steps, 0 if whole else zone, work.flops, work.memory, _begins(steps), reason)
 
 
 def _begins(steps: int) -> str:
@@ -123,14 +131,15 @@ def fitting(problem: Problem, newton: Newton, beside: float) -> Newton:
     beside
         Bytes of the run without it.
     """
-    if not newton.dense:
+    if not newton.memory:
         return newton
     room = beside + newton.memory <= available_memory()
     if problem.comm is not None:
         room = all(exchanged(problem.comm, room))
     if room:
         return newton
-    needs = f"its flexibility would need {shown(newton.memory, 'B')} beside {shown(beside, 'B')}"
+    what = "its flexibility" if newton.dense else "it"
+    needs = f"{what} would need {shown(newton.memory, 'B')} beside {shown(beside, 'B')}"
     return Newton(0, choice="none", reason=needs)
 
 
@@ -155,7 +164,10 @@ def _work(problem: Problem, here: Sequence[str], bodies: Sequence[Body], zone: i
     # factors without search directions, the flexibility, its LU, and what the largest body is multiplied with
     memory = 8.0 * (sum(numbers) + 2.0 * float(zone) ** 2 + 2.0 * max(numbers, default=0.0))
     iteration = sum(numbers) * max(8.0 / _READ, 2.0 * columns / _SOLVE) + ROW_OF_POINT * rows * columns
-    work = _Work(flops, memory, max(iteration, 1e-9), sum(body.flops for body in bodies) / FACTOR)
+    factors = 8.0 * sum(body.entries for body in bodies)
+    work = _Work(
+        flops, memory, max(iteration, 1e-9), sum(body.flops for body in bodies) / FACTOR, factors
+    )
     if problem.comm is not None:
         work = _Work(*map(max, zip(*exchanged(problem.comm, work), strict=True)))
     return work

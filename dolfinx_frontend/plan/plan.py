@@ -510,7 +510,7 @@ def make_plan(
     newton = newton_of(problem, kept, steps, options) if curved else Newton()
     early = newton.steps == 1
     zone = newton.dense if early else 0
-    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, zone > 0)
+    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, early and newton.memory > 0)
     direction = _search_direction(problem, direction, chosen, bool(macro))
     columns, of_columns = _columns(problem, random, columns, history, steps, len(patterns), why)
 

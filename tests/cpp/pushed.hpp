@@ -58,6 +58,7 @@ struct Sliding {
   double friction = 0.3;
   double spring = 2.0;
   double direction = 1.3;
+  bool whole = false;  ///< whether bodies keep their operators
 
   [[nodiscard]] latin::substructure::Laws build() const {
     const Matrix frame = Matrix::Identity(2, 2);
@@ -94,9 +95,10 @@ struct Sliding {
       parameters.push_back({springs, "normal", Matrix::Constant(1, 1, spring)});
       parameters.push_back({springs, "tangential", Matrix::Constant(1, 1, spring)});
     }
-    return latin::substructure::Laws(std::make_shared<const latin::substructure::Structure>(
-                                         std::move(bodies), std::move(interfaces),
-                                         latin::substructure::OperatorOptions{}))
+    return latin::substructure::Laws(
+               std::make_shared<const latin::substructure::Structure>(
+                   std::move(bodies), std::move(interfaces),
+                   latin::substructure::OperatorOptions{.keep_operator = whole}))
         .with_parameters(parameters);
   }
 

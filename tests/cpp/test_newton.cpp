@@ -5,6 +5,7 @@
 #include "bars.hpp"
 #include "latin/iteration/krylov.hpp"
 #include "latin/iteration/subspace.hpp"
+#include "pushed.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -47,7 +48,7 @@ Count count(Index steps) {
   const double held = 6.0 * substructure::Flexibility::mu;
   EXPECT_NEAR(end(laws, state, 0), -3.0, 3.0 * held);
   EXPECT_NEAR(end(laws, state, steps - 1), -6.0, 6.0 * held);
-  return {newton.system().asked(), newton.tangent_system().factorisations()};
+  return {newton.system().asked(), newton.skeleton().factorisations()};
 }
 
 }  // namespace
@@ -60,6 +61,23 @@ TEST(Newton, CostOfAHistoryIsLinearInItsSteps) {
   const Count many = count(40);
   EXPECT_LE(many.asked, 4 * few.asked + few.asked / 2);
   EXPECT_LE(many.factorisations, 4 * few.factorisations);  // of which one is kept
+}
+
+TEST(Newton, MarchesWithTheFlexibilityOfTheBodiesOrWithTheirWholeStiffness) {
+  const chain::Sliding scene{.count = 2, .whole = true};
+  const Index steps = 4;
+  const substructure::Laws laws = scene.build().with_steps(steps);
+  // pushed: it sticks, slips, slips back, sticks
+  const Matrix loads = (Matrix(2, steps) << 1.0, 1.0, 1.0, 1.0, 0.2, 1.0, 0.2, 0.4).finished();
+  const Vector slipped = scene.compliance() * Vector{{0.0, 0.7, 0.5, 0.5}};
+  substructure::GlobalStage global(laws);
+  for (const bool dense : {true, false}) {
+    Newton newton(global, loads, dense);
+    State state = zero(laws, steps);
+    global.apply(state.data, loads, state.traces);
+    EXPECT_EQ(newton.solve(state, 1e-10, steps).solved, steps) << dense;
+    EXPECT_LT((state.traces.row(1).transpose() - slipped).norm(), 1e-6) << dense;
+  }
 }
 
 TEST(Subspace, SolvesColumnsWithTheDirectionsOfThoseBefore) {

@@ -142,4 +142,16 @@ Matrix JoinedLaws::free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const 
   return jumps;
 }
 
+Matrix JoinedLaws::jumps(ConstMatrixRef traces) const {
+  Matrix jumps(unknowns(), traces.cols());
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    auto jump = jumps.middleRows(interface.first_unknown, interface.size);
+    jump = -traces.middleRows(interface.rows[0], interface.size);
+    if (interface.rows.size() > 1) {
+      jump += traces.middleRows(interface.rows[1], interface.size);
+    }
+  }
+  return jumps;
+}
+
 }  // namespace latin::iteration

@@ -1,6 +1,5 @@
 #include "latin/iteration/newton.hpp"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,10 +7,12 @@
 #include <utility>
 #include <vector>
 
+#include "latin/iteration/dense_skeleton.hpp"
+#include "latin/iteration/sparse_skeleton.hpp"
+
 namespace latin::iteration {
 namespace {
 
-constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
 constexpr Index most_steps = 40;
 /// The same where steps are shortened, and the shortest of them.
 constexpr Index most_searched = 60;
@@ -21,10 +22,8 @@ constexpr double enough = 0.1;
 /// A residual that comes back to these digits so often goes in circles.
 constexpr double digits = 1e3;
 constexpr int most_returns = 3;
-/// What hangs on a stiffness below this, relative to the search direction, hangs on nothing: some times that of a rigid
-/// motion, see Flexibility. A step moves that no further than so many times what the jumps, the gaps and the loads are
-/// large: it may touch something on the way.
-constexpr double nothing = 1e-10;
+/// A step moves what hangs on nothing no further than so many times what the jumps, the gaps and the loads are large: it
+/// may touch something on the way.
 constexpr double farthest = 10.0;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
 constexpr double rounding_of_forces = 1e-9;
@@ -44,40 +43,18 @@ constexpr double carries_nothing = 1e-6;
 
 }  // namespace
 
-Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
-    : amplitudes_(amplitudes),
-      system_(global),
-      flexibility_(global.laws().structure().flexibility()),
-      layout_(system_.layout()),
-      own_(system_.law_flexibility(flexibility_.own())),
-      metric_(own_.cwiseProduct(flexibility_.areas())),
-      roots_(own_.cwiseQuotient(flexibility_.areas()).cwiseSqrt()),
-      tangent_system_(flexibility_, layout_, own_ + flexibility_.direct()),
-      memory_(system_.blank()) {
-  if (const Matrix& jumps = flexibility_.modal_jumps(); jumps.cols() > 0) {
-    const Matrix weighted = metric_.cwiseSqrt().asDiagonal() * jumps;
-    modes_ = Eigen::HouseholderQR<Matrix>(weighted).householderQ() *
-             Matrix::Identity(jumps.rows(), std::min(jumps.rows(), jumps.cols()));
+Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense)
+    : amplitudes_(amplitudes), system_(global), memory_(system_.blank()) {
+  if (dense) {
+    skeleton_ = std::make_unique<DenseSkeleton>(system_);
   } else {
-    modes_.resize(jumps.rows(), 0);
+    skeleton_ = std::make_unique<SparseSkeleton>(system_);
   }
+  own_ = system_.law_flexibility(skeleton_->own());
+  skeleton_->ask_at(own_);
+  roots_ = own_.cwiseQuotient(skeleton_->areas()).cwiseSqrt();
   lengths_ = reach(system_.lengths());
   remembers_ = system_.laws().remembers_anywhere();
-}
-
-/// Forces count by the work that they do on the bodies: the meshes do not determine all of them, and what moves
-/// nothing need not be known. Modes have no share in the flexibility: resultants count as forces do by themselves.
-double Newton::size_of(const Vector& force) const {
-  const Vector given = own_.cwiseProduct(force) - tangent_system_.moved(force, Vector());
-  const double work = given.cwiseProduct(flexibility_.areas()).dot(force);
-  const Vector resultants = modes_.transpose() * force.cwiseProduct(metric_.cwiseSqrt());
-  return system_.follow_first(std::sqrt(std::max(work, 0.0) + resultants.squaredNorm()));
-}
-
-Vector Newton::imbalance(const Column& column) const {
-  return column.loads +
-         flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(column.y) -
-         tangent_system_.modal_stiffness().cwiseProduct(column.a);
 }
 
 /// Jumps that the loads alone leave, where no interface pushes and nothing moves as a whole.
@@ -95,7 +72,7 @@ double Newton::reach_of_loads(const State& state) {
 
 double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
   double size = 0.0;
-  const auto grow = [&](const Vector& force) { size = std::max(size, size_of(force)); };
+  const auto grow = [&](const Vector& force) { size = std::max(size, skeleton_->size_of(force)); };
   auto memory = system_.blank();
   for (Index index = 0; index < data.cols(); ++index) {
     if (index % system_.laws().steps() == 0) {
@@ -106,7 +83,9 @@ double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
   }
   if (size == 0.0) {  // all open: the data, as forces
     for (Index index = 0; index < data.cols(); ++index) {
-      grow(flexibility_.force(data.col(index)));
+      grow(-system_.jumps(data.col(index).cwiseQuotient(system_.directions()))
+                .col(0)
+                .cwiseQuotient(system_.direct()));
     }
   }
   return size;
@@ -120,23 +99,20 @@ Newton::Column Newton::begin(const State& state, Index index) {
   const auto traces = state.traces.col(index);
   const Matrix free = system_.free_jumps(data, traces);
   column.before = system_.forces(index, memory_, free.col(0), system_.direct());
-  // F / 2 = E f - (s - k w)
-  const Vector half_residual =
-      flexibility_.spread(column.before) - data + system_.directions().cwiseProduct(traces);
-  column.half = flexibility_.solve(half_residual);
-  column.jump = free + flexibility_.jump(2.0 * half_residual) -
-                with_mu * flexibility_.jump(column.half) +
-                (own_ - flexibility_.direct()).cwiseProduct(column.before);
-  column.loads = flexibility_.modal_loads(half_residual);
+  const Vector unbalanced = 0.5 * system_.residual(column.before, data, traces);
+  column.jump = system_.jumps(traces) + own_.cwiseProduct(column.before);
+  column.start = skeleton_->begin(unbalanced, column.jump);
   column.y = Vector::Zero(free.size());
-  column.a = Vector::Zero(column.loads.size());
+  column.motion = Vector::Zero(skeleton_->motions());
   evaluate(column);
   return column;
 }
 
 void Newton::evaluate(Column& column) {
   column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
-  column.norm = std::hypot(size_of(column.phi), system_.follow_first(imbalance(column).norm()));
+  column.norm = std::hypot(
+      skeleton_->size_of(column.phi),
+      system_.follow_first(skeleton_->size_of_imbalance(imbalance(column))));
 }
 
 NewtonOutcome Newton::solve(State& state, double tolerance, Index most) {
@@ -163,7 +139,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
       break;
     }
     last_ = {column.force(), column.jump, {}};
-    scale_ = std::max(scale_, size_of(last_.force));
+    scale_ = std::max(scale_, skeleton_->size_of(last_.force));
     system_.advance(index, memory_, column.jump, own_);
     ++outcome.solved;
   }
@@ -192,7 +168,7 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
   }
   const bool found = march(column, tolerance, steps);
   const bool same = found && !known && of_own.norm <= tolerance * scale_ &&
-                    size_of(column.force() - of_own.force()) <= same_answer * scale_;
+                    skeleton_->size_of(column.force() - of_own.force()) <= same_answer * scale_;
   if ((found || slides_) && !same) {
     commit(state, column);
   } else {
@@ -219,8 +195,9 @@ bool Newton::march(Column& column, double tolerance, Index& steps) {
 }
 
 void Newton::commit(State& state, const Column& column) {
-  state.data.col(column.index) += column.half + flexibility_.solve(flexibility_.spread(column.y)) +
-                                  flexibility_.modal_data(column.a);
+  state.data.col(column.index) =
+      skeleton_->data(state.data.col(column.index), state.traces.col(column.index), column.start,
+                      column.force(), column.y, column.motion);
   apply(state, column.index);
 }
 
@@ -232,10 +209,12 @@ void Newton::apply(State& state, Index index) {
 bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
   const double far = std::max(far_, farthest * reach(last_.jump));
   const Index most = way.searched ? most_searched : most_steps;
+  const auto& layout = system_.layout();
+  skeleton_->exactly(way.searched);
   std::map<long, int> seen;
   double share = 0.0;
   for (Index count = 0; count < most; ++count) {
-    const double size = std::max(scale_, size_of(column.force()));
+    const double size = std::max(scale_, skeleton_->size_of(column.force()));
     if (count > 0 && share == 1.0 && column.norm <= tolerance * size) {
       return true;
     }
@@ -251,22 +230,23 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     if (predicted) {
       tangent = way.predictor->slopes;
       column.phi = way.predictor->force +
-                   tangent_system_.times(tangent, column.jump - way.predictor->jump) -
+                   times(tangent, layout.first, layout.components,
+                         column.jump - way.predictor->jump) -
                    column.force();
     } else {
       tangent = system_.slopes(column.index, memory_, column.jump, own_);
     }
     Vector dy;
-    Vector da;
-    if (!step(column, tangent, dy, da)) {
+    Vector dm;
+    if (!skeleton_->step(tangent, column.phi, imbalance(column), dy, dm)) {
       return false;
     }
     ++steps;
-    const Vector change = tangent_system_.moved(dy, da);
+    const Vector change = skeleton_->moved(dy, dm);
     const double moves = reach(change - own_.cwiseProduct(dy));
-    const bool flies = nothing * da.norm() > size && far > 0.0 && moves > far;
+    const bool flies = skeleton_->loose(dm, size) && far > 0.0 && moves > far;
     share = system_.follow_first(flies ? far / moves : 1.0);
-    share = take(column, dy, da, change, share, way.searched && !predicted);
+    share = take(column, dy, dm, change, share, way.searched && !predicted);
   }
   return false;
 }
@@ -274,18 +254,18 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
 /// The modes on springs that hold them where the column began, ever weaker: at an equilibrium they carry nothing in the
 /// end.
 bool Newton::drift(Column& column, double tolerance, Index& steps) {
-  if (tangent_system_.modes() == 0) {
+  if (skeleton_->modes() == 0) {
     return false;
   }
   std::vector<double> carried;
   double before = 0.0;
   bool found = true;
   for (double spring = first_spring; found && spring >= last_spring; spring *= weaker) {
-    tangent_system_.hold(spring);
+    skeleton_->hold(spring);
     found = settle(column, before > 0.0 ? before / spring : 1.0, tolerance, steps);
     before = spring;
-    carried.push_back(system_.follow_first(spring * column.a.norm()));
-    const double size = std::max(scale_, size_of(column.force()));
+    carried.push_back(system_.follow_first(spring * column.motion.norm()));
+    const double size = std::max(scale_, skeleton_->size_of(column.force()));
     // further away than all that it could meet
     const bool gone = system_.follow_first(reach(column.jump) > far_);
     if (found && gone && spring < weak_spring && carried.back() > carries_nothing * size &&
@@ -294,7 +274,7 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
       break;
     }
   }
-  tangent_system_.hold(0.0);
+  skeleton_->hold(0.0);
   evaluate(column);
   return found && !slides_ &&
          (attempt(column, tolerance, {}, steps) ||
@@ -303,13 +283,14 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
 
 /// Whether something holds what so much pulls at, however soft it is: where the springs are taken away.
 bool Newton::hangs(Column column, double load) {
-  tangent_system_.hold(0.0);
+  skeleton_->hold(0.0);
   evaluate(column);
   Vector dy;
-  Vector da;
+  Vector dm;
   const bool answers =
-      step(column, system_.slopes(column.index, memory_, column.jump, own_), dy, da);
-  return system_.follow_first(answers && nothing * da.norm() <= load);
+      skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_), column.phi,
+                      imbalance(column), dy, dm);
+  return system_.follow_first(answers && !skeleton_->loose(dm, load));
 }
 
 /// With springs on the modes, from where springs so many times as strong have left the column.
@@ -317,10 +298,10 @@ bool Newton::settle(Column& column, double ratio, double tolerance, Index& steps
   std::vector<Column> starts{column};
   if (ratio > 1.0) {
     // what hangs on a spring alone goes as much further as that is weaker
-    const Vector further = (ratio - 1.0) * column.a;
+    const Vector further = (ratio - 1.0) * column.motion;
     starts.insert(starts.begin(), column);
-    starts.front().a += further;
-    starts.front().jump += tangent_system_.moved(Vector::Zero(column.y.size()), further);
+    starts.front().motion += further;
+    starts.front().jump += skeleton_->moved(Vector::Zero(column.y.size()), further);
   }
   for (Column& start : starts) {
     evaluate(start);
@@ -335,13 +316,13 @@ bool Newton::settle(Column& column, double ratio, double tolerance, Index& steps
   return false;
 }
 
-double Newton::take(Column& column, const Vector& dy, const Vector& da, const Vector& change,
+double Newton::take(Column& column, const Vector& dy, const Vector& dm, const Vector& change,
                     double share, bool searched) {
   const Column from = column;
   const auto go = [&](double length) {
     column = from;
     column.y += length * dy;
-    column.a += length * da;
+    column.motion += length * dm;
     column.jump += length * change;
     evaluate(column);
   };
@@ -363,18 +344,6 @@ double Newton::take(Column& column, const Vector& dy, const Vector& da, const Ve
   }
   go(best);
   return best;
-}
-
-bool Newton::step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da) {
-  // dy - R' m(dy, da) = Phi,  theta da - V^T W E dy = imbalance
-  const Index n = column.y.size();
-  Vector right(n + column.a.size());
-  right << column.phi, imbalance(column);
-  Matrix answer = tangent_system_.solve(tangent, right);
-  system_.follow_first(answer);
-  dy = answer.topRows(n);
-  da = answer.bottomRows(column.a.size());
-  return answer.allFinite();
 }
 
 }  // namespace latin::iteration

@@ -10,6 +10,7 @@
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/newton.hpp"
+#include "latin/iteration/sparse_skeleton.hpp"
 #include "latin/iteration/subspace.hpp"
 #include "latin/substructure/interface_system.hpp"
 
@@ -22,6 +23,16 @@ namespace {
 /// Tolerance on the residual of the two stages, beside that on the forces of Newton's dense systems, whose last step
 /// leaves nothing anyway.
 constexpr double residual_accuracy = 200.0;
+/// Operations of a dense LU of the interfaces beside those of the factorisations of the bodies.
+constexpr double affordable = 0.1;
+
+/// Whether dense matrices of the interfaces cost less than the whole bodies once more.
+bool prefers_dense(const substructure::Structure& structure) {
+  const Index unknowns = structure.total_unknowns();
+  const double operations = 2.0 / 3.0 * std::pow(static_cast<double>(unknowns), 3);
+  return unknowns <= substructure::Structure::few_unknowns ||
+         operations <= affordable * structure.work().factorise;
+}
 
 }  // namespace
 
@@ -204,15 +215,15 @@ NewtonProposal::Solver Stages::newton(double tolerance) {
   if (!substructure::InterfaceSystem::suits(laws())) {
     return {};
   }
-  if (structure().has_flexibility()) {
-    return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state, Index most) mutable {
+  const bool sparse = SparseSkeleton::possible(structure());
+  const bool dense = structure().has_flexibility() && (!sparse || prefers_dense(structure()));
+  if (dense || sparse) {
+    return [this, tolerance, dense, newton = std::shared_ptr<Newton>()](State& state,
+                                                                        Index most) mutable {
       double seconds = 0.0;
       if (!newton) {
-        {
-          const Timed timed(seconds);
-          static_cast<void>(structure().flexibility());
-        }
-        newton = std::make_shared<Newton>(global_, amplitudes_);
+        const Timed timed(seconds);
+        newton = std::make_shared<Newton>(global_, amplitudes_, dense);
       }
       NewtonOutcome outcome = newton->solve(state, tolerance, most);
       outcome.flexibility_s = seconds;

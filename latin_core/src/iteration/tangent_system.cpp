@@ -6,6 +6,7 @@
 #include "latin/common/numbers.hpp"
 #include "latin/common/threads.hpp"
 #include "latin/iteration/krylov.hpp"
+#include "latin/iteration/skeleton.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -48,13 +49,7 @@ Vector TangentSystem::moved(ConstVectorRef y, ConstVectorRef a) const {
 }
 
 Vector TangentSystem::times(const Matrix& tangent, ConstVectorRef p) const {
-  Vector result(p.size());
-  for (Index row = 0; row < p.size(); ++row) {
-    const auto at = static_cast<std::size_t>(row);
-    const Index count = layout_.components[at];
-    result(row) = tangent.row(row).head(count).dot(p.segment(layout_.first[at], count));
-  }
-  return result;
+  return iteration::times(tangent, layout_.first, layout_.components, p);
 }
 
 Vector TangentSystem::apply(const Matrix& tangent, const Vector& x) const {

@@ -420,7 +420,9 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
                active_traces_.transpose() * (robin.asDiagonal() * active_traces_), nullptr});
     kept_ = before != nullptr && take_over(*before);
   }
-  const SparseRows lower = kept_ ? SparseRows() : assemble_operator(description, jumps);
+  const bool keeps = options.keep_operator && active_ > 0;
+  const SparseRows lower =
+      kept_ && !keeps ? SparseRows() : assemble_operator(description, jumps);
   active_stiffness_ = stiffness_of_active(description.members);
   sprung_ = !description.springs.empty();
   for (std::size_t e = 0; e < description.members.size(); ++e) {
@@ -433,6 +435,9 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   }
   stiffest_ = stiffest_of(description, jumps);
   keep_stretches(description, lower, options);
+  if (keeps && lower_.size() == 0) {
+    lower_ = lower;
+  }
   for (Member& member : description.members) {
     offsets_.push_back(std::move(member.offset));
   }

@@ -108,11 +108,16 @@ Structure::Structure(std::vector<BodyDescription> bodies,
   }
   const Owners owners = find_owners();
   std::vector<std::string> joined;
+  double unknowns = 0.0;
   for (const InterfaceDescription& interface : interfaces) {
+    unknowns += static_cast<double>(interface.frames.rows());
     if (interface.sides.size() == 2) {
       joined.insert(joined.end(), {interface.sides[0].member, interface.sides[1].member});
     }
   }
+  OperatorOptions of_bodies = options;
+  of_bodies.keep_operator =
+      communicator_.sum(unknowns) > static_cast<double>(few_unknowns) || options.keep_operator;
   communicator_.together([&] {
     Sides sides{std::vector<std::vector<BodySide>>(bodies.size()), {}};
     sides.owner.resize(bodies.size());
@@ -128,7 +133,7 @@ Structure::Structure(std::vector<BodyDescription> bodies,
       std::ranges::transform(interface.sides, std::back_inserter(moved), &SideDescription::motions);
       add_interface(std::move(interface), owners, sides);
     }
-    build_bodies(std::move(bodies), std::move(sides), options, before);
+    build_bodies(std::move(bodies), std::move(sides), of_bodies, before);
     stack_metrics(scales, levers, motions);
   });
   connect();

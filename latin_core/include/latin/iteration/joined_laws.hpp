@@ -63,6 +63,8 @@ class JoinedLaws {
   /// See InterfaceSystem; the memory is that of this rank's interfaces.
   [[nodiscard]] Vector law_flexibility(const Vector& wanted) const;
   [[nodiscard]] Matrix free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const;
+  /// Displacements of side 2 less those of side 1, (unknowns, c).
+  [[nodiscard]] Matrix jumps(ConstMatrixRef traces) const;
   [[nodiscard]] Memory blank() const { return system_.blank(); }
   [[nodiscard]] Vector forces(Index column, const Memory& before, ConstVectorRef jump,
                               ConstVectorRef flexibility) const;

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <memory>
+
 #include "latin/common/types.hpp"
 #include "latin/iteration/joined_system.hpp"
 #include "latin/iteration/newton_proposal.hpp"
+#include "latin/iteration/skeleton.hpp"
 #include "latin/iteration/state.hpp"
-#include "latin/iteration/tangent_system.hpp"
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/interface_system.hpp"
 
@@ -25,18 +27,14 @@ namespace latin::iteration {
 /// become ever weaker: where these end up carrying a constant share of the loads, however weak they are, something
 /// slides away. What none of these solves ends the march: the columns before it are answers.
 ///
-/// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: see TangentSystem.
+/// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: see Skeleton.
 ///
 /// On several ranks the bodies and laws are asked where they are, and each rank takes the same steps, see JoinedSystem.
-///
-/// In terms of the iteration, with N = 1 - k A_b (A_b: the global stage) and E the map of a force per area onto
-/// both sides (+1, -1): forces f + y on the bodies give N ds = F / 2 + E y. N is singular where a body
-/// floats; N + mu with a tiny mu is the same body on springs mu k, whose forces the outer iteration takes
-/// back. `Flexibility` has the dense matrix of it, once for a problem.
 class Newton {
  public:
   /// @param global stage of the run, amplitudes of its load patterns; they must outlive this object
-  Newton(substructure::GlobalStage& global, const Matrix& amplitudes);
+  /// @param dense  by the dense flexibility of the interfaces, or with the whole bodies
+  Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense = true);
 
   /// Solve column after column, until one of them fails. Collective.
   /// @param state of the iterate; replaced in the columns that are solved
@@ -44,7 +42,7 @@ class Newton {
   /// @param most         columns that are solved
   NewtonOutcome solve(State& state, double tolerance, Index most);
 
-  [[nodiscard]] const TangentSystem& tangent_system() const { return tangent_system_; }
+  [[nodiscard]] const Skeleton& skeleton() const { return *skeleton_; }
   /// The laws of this rank.
   [[nodiscard]] const substructure::InterfaceSystem& system() const { return system_.own(); }
 
@@ -52,11 +50,10 @@ class Newton {
   /// One column: where it starts, and what Newton changes.
   struct Column {
     Index index;
-    Vector half;    ///< N^-1 F / 2
+    Skeleton::Start start;
     Vector before;  ///< forces f with y = 0
-    Vector loads;   ///< on the modes
     Vector y;       ///< change of the forces
-    Vector a;       ///< amplitudes of the modes
+    Vector motion;  ///< of the bodies beside it
     Vector jump;    ///< j0 (at the laws' flexibility) now
     Vector phi;     ///< R(j0) - f
     double norm = 0.0;
@@ -86,19 +83,18 @@ class Newton {
   [[nodiscard]] bool hangs(Column column, double load);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   void evaluate(Column& column);
-  [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
+  [[nodiscard]] Vector imbalance(const Column& column) const {
+    return skeleton_->imbalance(column.start, column.y, column.motion);
+  }
   /// @param change of the free jumps with the whole step
   /// @param share  of the step, or less
   /// @return the share that was taken
-  double take(Column& column, const Vector& dy, const Vector& da, const Vector& change,
+  double take(Column& column, const Vector& dy, const Vector& dm, const Vector& change,
               double share, bool searched);
   /// What has changed in a column, as data and traces.
   void commit(State& state, const Column& column);
   /// Traces of the data of one column.
   void apply(State& state, Index index);
-  [[nodiscard]] double size_of(const Vector& force) const;
-  /// Loads on the modes that the forces of a column and the springs of a drift do not balance.
-  [[nodiscard]] Vector imbalance(const Column& column) const;
   /// The largest jump, in units of the flexibility at its point.
   [[nodiscard]] double reach(const Vector& jump) const {
     return jump.size() > 0 ? jump.cwiseQuotient(roots_).cwiseAbs().maxCoeff() : 0.0;
@@ -106,13 +102,9 @@ class Newton {
 
   const Matrix& amplitudes_;
   JoinedSystem system_;
-  const substructure::Flexibility& flexibility_;
-  const substructure::InterfaceSystem::Layout& layout_;
-  Vector own_;     ///< flexibility at which the laws are asked
-  Vector metric_;  ///< areas * own_
-  Vector roots_;   ///< what jumps are measured with, as these are lengths or rotations
-  Matrix modes_;   ///< orthonormal basis of the jumps of the modes times the root of the metric
-  TangentSystem tangent_system_;
+  std::unique_ptr<Skeleton> skeleton_;
+  Vector own_;    ///< flexibility at which the laws are asked
+  Vector roots_;  ///< what jumps are measured with, as these are lengths or rotations
   JoinedSystem::Memory memory_;  ///< of the columns before
   Predictor last_;               ///< of the answer of the column before
   bool remembers_ = false;       ///< whether the way to an answer matters

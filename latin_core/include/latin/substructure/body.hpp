@@ -69,6 +69,7 @@ struct OperatorOptions {
   OperatorKind kind = OperatorKind::automatic;
   algebra::FactorBackend backend = algebra::FactorBackend::automatic;
   double memory_limit = 8e9;  ///< bytes for the dense blocks of all bodies; 0: no limit
+  bool keep_operator = false;  ///< for systems of the whole bodies, see Body::kept_operator()
 };
 
 /// Seconds and bytes that were spent on setting up a body.
@@ -137,6 +138,11 @@ class Body {
   [[nodiscard]] bool condensed() const { return condensed_; }
   /// L of the Schur complement on the active unknowns of a condensed body: the lower triangle, a part of its factor.
   [[nodiscard]] MatrixView condensed_factor() const { return factor_->trailing_factor(); }
+  /// Lower triangle of the operator, with the springs k: kept where that is asked for.
+  [[nodiscard]] const SparseRows& kept_operator() const { return lower_; }
+  [[nodiscard]] bool keeps_operator() const { return lower_.rows() > 0; }
+  /// Traces of all unknowns, (rows, n_body).
+  [[nodiscard]] const SparseRows& traces() const { return traces_; }
   /// Traces of the active unknowns, (rows, active).
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
@@ -294,7 +300,7 @@ class Body {
   };
   /// Of samples of a field: made when first asked for.
   [[nodiscard]] const Spread& spread() const;
-  SparseRows lower_;  ///< of the operator, columns in order; empty: without stretches
+  SparseRows lower_;  ///< of the operator, columns in order where there are stretches; empty: not kept
   Lazy<Spread> spread_;
   OperatorOptions options_;
   /// What it is the sum of, in its unknowns; empty where rounding leaves enough of it.

@@ -58,6 +58,9 @@ struct ActiveInterface {
 /// Constant once it is built: several threads may use it.
 class Structure {
  public:
+  /// Interface unknowns up to which dense matrices of them are always affordable.
+  static constexpr Index few_unknowns = 3000;
+
   /// Collective. @param before a structure whose bodies' factors serve again where only their sides differ; null: none
   /// @throws InputError or NumericalError naming the body or interface
   Structure(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
