@@ -40,8 +40,8 @@ _FILL_OF_CUBE, _LEAST_FILL = 28.0, 10.0
 """Numbers in the factor of a three-dimensional part over n^(4/3): of a cube, and of thin walls at least."""
 _SURFACE_OF_CUBE, _POWER_OF_SURFACE = 5.4, 2.2
 """Nodes on the surface over (all nodes)^(2/3), of a cube; how the fill falls with what others have more."""
-_DIRECTIONS = 120
-"""Directions that the kernel's ``Subspace`` keeps at most."""
+_SOLUTIONS = 60
+"""That a step of the kernel's ``SparseSkeleton`` takes at most."""
 _BLOCKS_BESIDE_NEWTON = 10.0
 """Blocks of all time steps that are kept beside the history of the iteration (measured)."""
 _STEPS_BESIDE_NEWTON = 2
@@ -228,8 +228,8 @@ def predict(
     # the flexibility, and the factor of a zone that is all closed
     of_newton += 2.0 * float(dense) ** 2
     if newton:
-        # directions with their traces and residuals
-        of_newton += 4.0 * _DIRECTIONS * rows
+        # solutions with their forces and residuals
+        of_newton += 2.0 * _SOLUTIONS * rows
         if columns > 1:
             of_newton += _BLOCKS_BESIDE_NEWTON * rows * columns
         depth = min(depth, _STEPS_BESIDE_NEWTON)

@@ -83,18 +83,18 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
     """
     if options.newton == 0:
         return Newton(0)
-    kept = tuple(active)
-    here = tuple(name for name in kept if name in problem.own.interfaces)
+    here = tuple(name for name in active if name in problem.own.interfaces)
     bodies = [body for body in bodies_of(problem.own, here) if body.active]
-    zone = interface_unknowns(problem, kept)
+    zone = interface_unknowns(problem, tuple(active))
     work = _work(problem, here, bodies, zone, columns)
     dense = _is_dense(problem, bodies, zone, options)
-    whole = zone > _FEW and not (dense and _OF_SYSTEM * float(zone) ** 3 <= _SMALL * FACTOR * work.factor)
+    little = zone <= _FEW or _OF_SYSTEM * float(zone) ** 3 <= _SMALL * FACTOR * work.factor
+    kept = zone > _FEW or 0 < options.memory_limit < 8.0 * float(zone) ** 2
+    whole = kept and not (dense and little)
     asked = options.newton != "automatic"
-    laws = [problem.interfaces[name].law for name in kept]
+    laws = [problem.interfaces[name].law for name in active]
     if not (dense or whole):
-        steps = int(options.newton) if asked else 1
-        return Newton(steps, choice=_begins(steps), reason="by global stages: there is no dense flexibility")
+        return Newton(0, choice="none", reason="stiffnesses of the faces of the bodies exceed the memory limit")
     if whole:
         work = work._replace(flops=_WHOLE * work.factor * _DENSE, memory=work.numbers)
     seconds = work.flops / _DENSE

@@ -4,7 +4,6 @@
 
 #include "bars.hpp"
 #include "latin/iteration/krylov.hpp"
-#include "latin/iteration/subspace.hpp"
 #include "pushed.hpp"
 
 namespace latin::iteration {
@@ -78,25 +77,6 @@ TEST(Newton, MarchesWithTheFlexibilityOfTheBodiesOrWithTheirWholeStiffness) {
     EXPECT_EQ(newton.solve(state, 1e-10, steps).solved, steps) << dense;
     EXPECT_LT((state.traces.row(1).transpose() - slipped).norm(), 1e-6) << dense;
   }
-}
-
-TEST(Subspace, SolvesColumnsWithTheDirectionsOfThoseBefore) {
-  const Index steps = 6;
-  const substructure::Laws laws = pressed(steps);
-  const Matrix amplitudes = Matrix::Ones(1, steps);
-  substructure::GlobalStage global(laws);
-  const JoinedSystem system(global);
-  Subspace subspace(system);
-  State state = zero(laws, steps);
-  state.data.setConstant(0.1);
-  global.apply(state.data, amplitudes, state.traces);
-  EXPECT_EQ(subspace.solve(state, amplitudes, 1e-10).solved, steps);
-  for (Index step = 0; step < steps; ++step) {
-    const double force = 1.0 + static_cast<double>(step) / static_cast<double>(steps - 1);
-    EXPECT_NEAR(end(laws, state, step), -3.0 * force, 1e-7);
-  }
-  // each direction is one for each body at least, and all rows together are its largest number
-  EXPECT_LE(subspace.stages(), laws.structure().rows());
 }
 
 TEST(Gmres, SolvesARankOneChangeInTwoProducts) {

@@ -34,27 +34,4 @@ Matrix JoinedSystem::traces(ConstMatrixRef data, ConstMatrixRef amplitudes) cons
   });
 }
 
-void JoinedSystem::precondition(Matrix& residual) const {
-  if (!laws().preconditions()) {
-    return;
-  }
-  residual = of_rows(residual.cols(), [&] {
-    Matrix own = joined().own_rows(residual);
-    laws().precondition(own);
-    return own;
-  });
-}
-
-void JoinedSystem::balance(Matrix& data, Matrix& traces) const {
-  const Structure& structure = laws().structure();
-  const substructure::Macro& macro = structure.macro();
-  Matrix own_data = joined().own_rows(data);
-  Matrix own_traces = joined().own_rows(traces);
-  Matrix imbalance = macro.imbalance(own_data - structure.directions().asDiagonal() * own_traces);
-  communicator().sum({imbalance.data(), static_cast<std::size_t>(imbalance.size())});
-  static_cast<void>(macro.correct(imbalance, own_data, own_traces));
-  data = joined().of_rows(own_data);
-  traces = joined().of_rows(own_traces);
-}
-
 }  // namespace latin::iteration

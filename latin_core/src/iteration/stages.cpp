@@ -11,7 +11,6 @@
 #include "latin/common/error.hpp"
 #include "latin/iteration/newton.hpp"
 #include "latin/iteration/sparse_skeleton.hpp"
-#include "latin/iteration/subspace.hpp"
 #include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
@@ -20,9 +19,6 @@ using substructure::Structure;
 
 namespace {
 
-/// Tolerance on the residual of the two stages, beside that on the forces of Newton's dense systems, whose last step
-/// leaves nothing anyway.
-constexpr double residual_accuracy = 200.0;
 /// Operations of a dense LU of the interfaces beside those of the factorisations of the bodies.
 constexpr double affordable = 0.1;
 
@@ -217,26 +213,19 @@ NewtonProposal::Solver Stages::newton(double tolerance) {
   }
   const bool sparse = SparseSkeleton::possible(structure());
   const bool dense = structure().has_flexibility() && (!sparse || prefers_dense(structure()));
-  if (dense || sparse) {
-    return [this, tolerance, dense, newton = std::shared_ptr<Newton>()](State& state,
-                                                                        Index most) mutable {
-      double seconds = 0.0;
-      if (!newton) {
-        const Timed timed(seconds);
-        newton = std::make_shared<Newton>(global_, amplitudes_, dense);
-      }
-      NewtonOutcome outcome = newton->solve(state, tolerance, most);
-      outcome.flexibility_s = seconds;
-      return outcome;
-    };
+  if (!dense && !sparse) {
+    return {};
   }
-  return [this, tolerance, system = std::shared_ptr<JoinedSystem>(),
-          subspace = std::shared_ptr<Subspace>()](State& state, Index /*most*/) mutable {
-    if (!subspace) {
-      system = std::make_shared<JoinedSystem>(global_);
-      subspace = std::make_shared<Subspace>(*system);
+  return [this, tolerance, dense, newton = std::shared_ptr<Newton>()](State& state,
+                                                                      Index most) mutable {
+    double seconds = 0.0;
+    if (!newton) {
+      const Timed timed(seconds);
+      newton = std::make_shared<Newton>(global_, amplitudes_, dense);
     }
-    return subspace->solve(state, amplitudes_, residual_accuracy * tolerance);
+    NewtonOutcome outcome = newton->solve(state, tolerance, most);
+    outcome.flexibility_s = seconds;
+    return outcome;
   };
 }
 

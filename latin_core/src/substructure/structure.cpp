@@ -116,8 +116,9 @@ Structure::Structure(std::vector<BodyDescription> bodies,
     }
   }
   OperatorOptions of_bodies = options;
-  of_bodies.keep_operator =
-      communicator_.sum(unknowns) > static_cast<double>(few_unknowns) || options.keep_operator;
+  unknowns = communicator_.sum(unknowns);
+  of_bodies.keep_operator = options.keep_operator || unknowns > static_cast<double>(few_unknowns) ||
+                            (memory_limit_ > 0.0 && 8.0 * unknowns * unknowns > memory_limit_);
   communicator_.together([&] {
     Sides sides{std::vector<std::vector<BodySide>>(bodies.size()), {}};
     sides.owner.resize(bodies.size());

@@ -17,11 +17,6 @@ class JoinedSystem : public JoinedLaws {
                                 ConstMatrixRef traces) const;
   /// Traces (rows, c) of data under loads, (l, c).
   [[nodiscard]] Matrix traces(ConstMatrixRef data, ConstMatrixRef amplitudes) const;
-  /// A residual (rows, c) as a step on the data, where some are not, in place.
-  void precondition(Matrix& residual) const;
-  [[nodiscard]] bool balances() const { return laws().structure().macro_size() > 0; }
-  /// Balance the moments of data and traces without loads, see Macro.
-  void balance(Matrix& data, Matrix& traces) const;
 
  private:
   substructure::GlobalStage& global_;
