@@ -87,6 +87,45 @@ def test_late_it_is_there_only_if_its_memory_is_free(monkeypatch: pytest.MonkeyP
     assert chosen(plan) == (0, "none") and "its flexibility would need" in str(plan)
 
 
+def test_whole_bodies_answer_as_their_flexibility_does() -> None:
+    problem, times, options = blocks(6), [1.0, 2.0], Options(rtol=1e-8)
+    limited = options.with_(memory_limit=7.9 * interface_unknowns(problem, ["joint"]) ** 2)
+    assert "with the whole bodies" in str(make_plan(problem, times=times, options=limited))
+    dense, whole = (solve(problem, times=times, options=each) for each in (options, limited))
+    assert dense.converged and whole.converged and whole.summary.newton_steps > 0
+    assert energy_difference(problem, whole, dense) <= 3e-8
+
+
+def sandwich(across: int, young: float = 200.0) -> Problem:
+    """A loose sheet between two plates, friction on both sides: pressed, then pushed at 56 % of the limit."""
+    scene, steel = Scene(), LinearElastic(210e3, 0.3)
+    sheet = LinearElastic(young, 0.4)
+    for name, z, height, cells, material in (
+        ("low", 0.0, 10.0, 2, steel),
+        ("sheet", 10.0, 2.0, 1, sheet),
+        ("top", 12.0, 10.0, 2, steel),
+    ):
+        box = geometry.box((120, 60, height), (2 * across, across, cells), origin=(0, 0, z))
+        scene.substructure(name, box, material)
+    scene.fix("low:z0")
+    for name, side, other in (("below", "low:z1", "sheet:z0"), ("above", "sheet:z1", "top:z0")):
+        scene.interface(name, side, other, Contact(gap=0.0, friction=0.3))
+    scene.pressure("top:z1", PRESS * 10.0)
+    scene.traction("top:x1", PULL * (20.0, 0, 0))
+    return assemble(scene)
+
+
+def test_a_loose_sheet_with_a_large_face_arrives() -> None:
+    problem = sandwich(16)
+    assert interface_unknowns(problem, ["below", "above"]) > 3000
+    result = solve(problem, times=[1.0, 2.0])
+    assert result.converged and result.summary.newton_steps <= 50
+    for name in ("below", "above"):
+        table = result.table(name)
+        assert table.value("normal", name) == pytest.approx(-72e3, rel=1e-5)
+        assert table.value("shear", name) == pytest.approx(12e3, rel=1e-5)
+
+
 def test_late_it_goes_on_from_what_was_iterated() -> None:
     problem, times = blocks(6), [1.0, 2.0]
     options = Options(rtol=1e-8)
