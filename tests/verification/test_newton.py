@@ -115,6 +115,19 @@ def sandwich(across: int, young: float = 200.0) -> Problem:
     return assemble(scene)
 
 
+def test_a_march_is_interrupted_between_its_steps() -> None:
+    told: list[int] = []
+
+    def enough(iteration: Any) -> None:
+        told.append(iteration.number)
+        if len(told) == 3:
+            raise StopIteration
+
+    result = solve(blocks(6), times=[1.0, 2.0], callback=enough)
+    assert result.status == "interrupted" and result.summary.newton_steps <= 3
+    assert told == sorted(told)
+
+
 def test_a_loose_sheet_with_a_large_face_arrives() -> None:
     problem = sandwich(16)
     assert interface_unknowns(problem, ["below", "above"]) > 3000

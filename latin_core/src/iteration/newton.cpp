@@ -43,8 +43,12 @@ constexpr double carries_nothing = 1e-6;
 
 }  // namespace
 
-Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense)
-    : amplitudes_(amplitudes), system_(global), memory_(system_.blank()) {
+Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense,
+               std::function<bool(Index)> goes_on)
+    : amplitudes_(amplitudes),
+      system_(global),
+      memory_(system_.blank()),
+      goes_on_(std::move(goes_on)) {
   if (dense) {
     skeleton_ = std::make_unique<DenseSkeleton>(system_);
   } else {
@@ -123,6 +127,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   NewtonOutcome outcome;
   const Index columns = std::min(most, state.data.cols());
   slides_ = false;
+  stopped_ = false;
   scale_ = size_of_forces(state.data, state.traces);
   memory_ = system_.blank();
   far_ = farthest * std::max(lengths_, reach_of_loads(state));
@@ -236,9 +241,10 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     } else {
       tangent = system_.slopes(column.index, memory_, column.jump, own_);
     }
+    stopped_ = stopped_ || (goes_on_ && !goes_on_(steps));
     Vector dy;
     Vector dm;
-    if (!skeleton_->step(tangent, column.phi, imbalance(column), dy, dm)) {
+    if (stopped_ || !skeleton_->step(tangent, column.phi, imbalance(column), dy, dm)) {
       return false;
     }
     ++steps;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -52,11 +53,12 @@ bool gave_up(Status status) {
 /// Whether some law is nonlinear, so that a body may lose touch. Collective.
 bool may_fly(const Laws& laws) { return !laws.linear_everywhere(); }
 
-NewtonProposal::Solver newton_of(Stages& stages, const Options& options) {
+NewtonProposal::Solver newton_of(Stages& stages, const Options& options,
+                                 std::function<bool(Index)> goes_on) {
   if (options.acceleration < 1 || options.newton < 1) {
     return {};
   }
-  return stages.newton(newton_accuracy * options.rtol);
+  return stages.newton(newton_accuracy * options.rtol, std::move(goes_on));
 }
 
 }  // namespace
@@ -79,7 +81,8 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
              : Verification::possible(laws) && !laws.scales_anywhere() ? 1
                                                                        : own_steps,
              [this](double error) { return structure_.communicator().largest(error); }),
-      newton_(history_.metric(), newton_of(stages_, options),
+      newton_(history_.metric(),
+              newton_of(stages_, options, [this](Index steps) { return goes_on(steps); }),
               [this](const State& at, Matrix& residual) {
                 stages_.local(at.data, at.traces, residual);
               }),
@@ -373,17 +376,35 @@ void Run::report(const Measured& measured) {
   summary_.energy = measured.strain;
   summary_.history.push_back(
       {iterations(), summary_.error, measured.indicator, measured.residual, elapsed()});
+  tell(summary_.history.back());
+}
+
+void Run::tell(const Iteration& iteration) {
   if (!callback_) {
     return;
   }
   const Timed timed(callback_s_);
-  stages_.attempt([this] {
+  stages_.attempt([&] {
     try {
-      callback_(summary_.history.back());
+      callback_(iteration);
     } catch (const Interrupted&) {
       interrupted_ = true;
     }
   });
+}
+
+/// Between Newton's steps, of which a proposal takes many.
+bool Run::goes_on(Index steps) {
+  if (steps > 0) {
+    const auto& told = summary_.history;
+    Iteration iteration = told.empty() ? Iteration{0, unknown_error, unknown_error, unknown_error, 0.0}
+                                       : told.back();
+    iteration.number = iterations() + steps;
+    iteration.seconds = elapsed();
+    tell(iteration);
+  }
+  stages_.agree();
+  return structure_.communicator().everywhere(!interrupted_);
 }
 
 Matrix Run::estimate(const Measured& measured) {

@@ -207,7 +207,7 @@ Measured Stages::measure(Iterate at, Anderson& history, bool& stop) {
   return measured;
 }
 
-NewtonProposal::Solver Stages::newton(double tolerance) {
+NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index)> goes_on) {
   if (!substructure::InterfaceSystem::suits(laws())) {
     return {};
   }
@@ -216,12 +216,12 @@ NewtonProposal::Solver Stages::newton(double tolerance) {
   if (!dense && !sparse) {
     return {};
   }
-  return [this, tolerance, dense, newton = std::shared_ptr<Newton>()](State& state,
-                                                                      Index most) mutable {
+  return [this, tolerance, dense, goes_on = std::move(goes_on),
+          newton = std::shared_ptr<Newton>()](State& state, Index most) mutable {
     double seconds = 0.0;
     if (!newton) {
       const Timed timed(seconds);
-      newton = std::make_shared<Newton>(global_, amplitudes_, dense);
+      newton = std::make_shared<Newton>(global_, amplitudes_, dense, goes_on);
     }
     NewtonOutcome outcome = newton->solve(state, tolerance, most);
     outcome.flexibility_s = seconds;

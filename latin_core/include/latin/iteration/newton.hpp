@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 
 #include "latin/common/types.hpp"
@@ -33,8 +34,10 @@ namespace latin::iteration {
 class Newton {
  public:
   /// @param global stage of the run, amplitudes of its load patterns; they must outlive this object
-  /// @param dense  by the dense flexibility of the interfaces, or with the whole bodies
-  Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense = true);
+  /// @param dense   by the dense flexibility of the interfaces, or with the whole bodies
+  /// @param goes_on asked before every step with the number of those so far: whether to take it. Collective.
+  Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense = true,
+         std::function<bool(Index)> goes_on = {});
 
   /// Solve column after column, until one of them fails. Collective.
   /// @param state of the iterate; replaced in the columns that are solved
@@ -109,6 +112,8 @@ class Newton {
   Predictor last_;               ///< of the answer of the column before
   bool remembers_ = false;       ///< whether the way to an answer matters
   double scale_ = 0.0;           ///< size of the forces
+  std::function<bool(Index)> goes_on_;
+  bool stopped_ = false;         ///< by that
   bool slides_ = false;          ///< whether the last drift led away
   double far_ = 0.0;             ///< reach of a step
   double lengths_ = 0.0;  ///< reach of the gaps and of what else the laws impose on the jumps

@@ -54,6 +54,8 @@ class Run {
   void evaluate_start();
   Measured observe();
   void report(const Measured& measured);
+  void tell(const Iteration& iteration);
+  bool goes_on(Index steps);
   [[nodiscard]] Matrix estimate(const Measured& measured);
   Measured rescue(Measured measured);
   Measured verify(Measured measured, bool believed);

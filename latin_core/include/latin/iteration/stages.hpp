@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <exception>
+#include <functional>
 #include <utility>
 
 #include "latin/common/types.hpp"
@@ -102,8 +103,9 @@ class Stages {
   [[nodiscard]] double strain(const State& state);
   /// Newton's method on the same stages; what it needs is made when first asked for. It refers to this object.
   /// @param tolerance on the forces, relative to the largest column of them
+  /// @param goes_on   see Newton
   /// @return empty where it is not possible, or of no use
-  [[nodiscard]] NewtonProposal::Solver newton(double tolerance);
+  [[nodiscard]] NewtonProposal::Solver newton(double tolerance, std::function<bool(Index)> goes_on);
 
   /// Global stages so far.
   [[nodiscard]] Index count() const { return count_; }
