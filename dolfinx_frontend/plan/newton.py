@@ -33,7 +33,7 @@ _SYSTEMS = 2.0
 _SMALL = 0.1
 """Share of the factorisations of the bodies that is little."""
 _FEW, _WHOLE = 3000, 5.0
-"""Unknowns up to which it is dense (as in the kernel's ``structure.hpp``); factorisations of the bodies, else."""
+"""Unknowns up to which it is dense (as in the kernel's ``structure.hpp``); factorisations of bodies, else."""
 
 
 class Newton(NamedTuple):
@@ -94,7 +94,7 @@ def newton_of(problem: Problem, active: Sequence[str], columns: int, options: Op
     asked = options.newton != "automatic"
     laws = [problem.interfaces[name].law for name in active]
     if not (dense or whole):
-        return Newton(0, choice="none", reason="stiffnesses of the faces of the bodies exceed the memory limit")
+        return Newton(0, choice="none", reason="stiffnesses of faces of the bodies exceed the limit")
     if whole:
         work = work._replace(flops=_WHOLE * work.factor * _DENSE, memory=work.numbers)
     seconds = work.flops / _DENSE

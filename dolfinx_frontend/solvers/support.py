@@ -514,9 +514,10 @@ def check_support(result: Result) -> None:
     Warns
     -----
     SceneWarning
-        The same of a step after others that are answers; or friction does not balance the loads with the normal forces of a run that did not converge; or it
-        converged, and a part without loads touches nothing (of a static answer: presses on nothing); or it
-        converged or stagnated, and a part slips wherever only friction holds it.
+        The same of a step after others that are answers; or friction does not balance the loads with the
+        normal forces of a run that did not converge; or it converged, and a part without loads touches
+        nothing (of a static answer: presses on nothing); or it converged or stagnated, and a part slips
+        wherever only friction holds it.
     """
     problem = result.problem
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]

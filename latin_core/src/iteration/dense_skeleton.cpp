@@ -22,8 +22,8 @@ DenseSkeleton::DenseSkeleton(const JoinedSystem& system)
 void DenseSkeleton::ask_at(const Vector& own) {
   own_ = own;
   metric_ = own_.cwiseProduct(flexibility_.areas());
-  tangent_system_ = std::make_unique<TangentSystem>(flexibility_, system_.layout(),
-                                                    own_ + flexibility_.direct());
+  tangent_system_ =
+      std::make_unique<TangentSystem>(flexibility_, system_.layout(), own_ + flexibility_.direct());
   const Matrix& jumps = flexibility_.modal_jumps();
   modes_.resize(jumps.rows(), 0);
   if (jumps.cols() > 0) {

@@ -114,9 +114,8 @@ Newton::Column Newton::begin(const State& state, Index index) {
 
 void Newton::evaluate(Column& column) {
   column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
-  column.norm = std::hypot(
-      skeleton_->size_of(column.phi),
-      system_.follow_first(skeleton_->size_of_imbalance(imbalance(column))));
+  column.norm = std::hypot(skeleton_->size_of(column.phi),
+                           system_.follow_first(skeleton_->size_of_imbalance(imbalance(column))));
 }
 
 NewtonOutcome Newton::solve(State& state, double tolerance, Index most) {
@@ -234,10 +233,10 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     Matrix tangent;
     if (predicted) {
       tangent = way.predictor->slopes;
-      column.phi = way.predictor->force +
-                   times(tangent, layout.first, layout.components,
-                         column.jump - way.predictor->jump) -
-                   column.force();
+      column.phi =
+          way.predictor->force +
+          times(tangent, layout.first, layout.components, column.jump - way.predictor->jump) -
+          column.force();
     } else {
       tangent = system_.slopes(column.index, memory_, column.jump, own_);
     }
@@ -293,9 +292,8 @@ bool Newton::hangs(Column column, double load) {
   evaluate(column);
   Vector dy;
   Vector dm;
-  const bool answers =
-      skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_), column.phi,
-                      imbalance(column), dy, dm);
+  const bool answers = skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_),
+                                       column.phi, imbalance(column), dy, dm);
   return system_.follow_first(answers && !skeleton_->loose(dm, load));
 }
 

@@ -397,8 +397,8 @@ void Run::tell(const Iteration& iteration) {
 bool Run::goes_on(Index steps) {
   if (steps > 0) {
     const auto& told = summary_.history;
-    Iteration iteration = told.empty() ? Iteration{0, unknown_error, unknown_error, unknown_error, 0.0}
-                                       : told.back();
+    Iteration iteration =
+        told.empty() ? Iteration{0, unknown_error, unknown_error, unknown_error, 0.0} : told.back();
     iteration.number = iterations() + steps;
     iteration.seconds = elapsed();
     tell(iteration);

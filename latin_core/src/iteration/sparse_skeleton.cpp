@@ -72,10 +72,9 @@ Vector times(const Matrix& slopes, const std::vector<Index>& first, const std::v
 }
 
 bool SparseSkeleton::possible(const substructure::Structure& structure) {
-  return structure.communicator().everywhere(
-      std::ranges::all_of(structure.bodies(), [](const substructure::Body& body) {
-        return body.rows() == 0 || body.keeps_operator();
-      }));
+  return structure.communicator().everywhere(std::ranges::all_of(
+      structure.bodies(),
+      [](const substructure::Body& body) { return body.rows() == 0 || body.keeps_operator(); }));
 }
 
 SparseSkeleton::SparseSkeleton(const JoinedSystem& system)
@@ -108,7 +107,8 @@ void SparseSkeleton::gather() {
       const substructure::Body& body = structure.bodies()[b];
       if (body.rows() > 0) {
         mine.push_back(static_cast<double>(body.size()));
-        mine.push_back(static_cast<double>(system_.joined().first_row() + structure.body_rows()[b]));
+        mine.push_back(
+            static_cast<double>(system_.joined().first_row() + structure.body_rows()[b]));
         append(body.kept_operator(), mine);
         append(body.traces(), mine);
       }
@@ -160,12 +160,14 @@ Matrix SparseSkeleton::springs_of(const Matrix& tangent, Index first, Index coun
     for (Index b = 0; b < a; ++b) {
       const double one = slope(a, b);
       const double other = slope(b, a);
-      const double both = one * other > 0.0 ? std::copysign(std::min(std::abs(one), std::abs(other)), one) : 0.0;
+      const double both =
+          one * other > 0.0 ? std::copysign(std::min(std::abs(one), std::abs(other)), one) : 0.0;
       slope(a, b) = both;
       slope(b, a) = both;
     }
   }
-  const Matrix open = Matrix::Identity(count, count) - slope * own_.segment(first, count).asDiagonal();
+  const Matrix open =
+      Matrix::Identity(count, count) - slope * own_.segment(first, count).asDiagonal();
   const Matrix springs = open.partialPivLu().solve(slope);
   const Eigen::SelfAdjointEigenSolver<Matrix> modes(0.5 * (springs + springs.transpose()));
   return modes.eigenvectors() * modes.eigenvalues().cwiseMax(0.0).asDiagonal() *
@@ -176,7 +178,8 @@ void SparseSkeleton::factorise(const Matrix& tangent) {
   const auto& layout = system_.layout();
   d_ = Matrix::Zero(tangent.rows(), tangent.cols());
   Triplets entries;
-  for (Index row = 0; row < tangent.rows(); row += layout.components[static_cast<std::size_t>(row)]) {
+  for (Index row = 0; row < tangent.rows();
+       row += layout.components[static_cast<std::size_t>(row)]) {
     const Index count = layout.components[static_cast<std::size_t>(row)];
     const Matrix springs = springs_of(tangent, row, count);
     d_.block(row, 0, count, count) = springs;
@@ -234,8 +237,8 @@ bool SparseSkeleton::approach(const Matrix& tangent, const Vector& phi, const Ve
   };
   pair = respond(phi, loads);
   Vector left = phi - of_law(pair);
-  const double enough = (exact_ ? exact_forcing : forcing) *
-                        std::max(norm(phi), size_of_imbalance(loads));
+  const double enough =
+      (exact_ ? exact_forcing : forcing) * std::max(norm(phi), size_of_imbalance(loads));
   std::vector<Pair> pairs;
   std::vector<Vector> images;
   for (Index count = 1; norm(left) > enough && count < most_solutions; ++count) {
@@ -308,8 +311,7 @@ double SparseSkeleton::size_of_imbalance(const Vector& imbalance) const {
 }
 
 bool SparseSkeleton::loose(const Vector& motion, double force) const {
-  const Vector springs =
-      held_ * system_.directions().cwiseProduct(motion.head(traces_.rows()));
+  const Vector springs = held_ * system_.directions().cwiseProduct(motion.head(traces_.rows()));
   return size_of_imbalance(springs) > held_by_nothing * force;
 }
 

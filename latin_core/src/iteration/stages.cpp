@@ -216,8 +216,8 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
   if (!dense && !sparse) {
     return {};
   }
-  return [this, tolerance, dense, goes_on = std::move(goes_on),
-          newton = std::shared_ptr<Newton>()](State& state, Index most) mutable {
+  return [this, tolerance, dense, goes_on = std::move(goes_on), newton = std::shared_ptr<Newton>()](
+             State& state, Index most) mutable {
     double seconds = 0.0;
     if (!newton) {
       const Timed timed(seconds);

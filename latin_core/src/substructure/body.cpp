@@ -421,8 +421,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     kept_ = before != nullptr && take_over(*before);
   }
   const bool keeps = options.keep_operator && active_ > 0;
-  const SparseRows lower =
-      kept_ && !keeps ? SparseRows() : assemble_operator(description, jumps);
+  const SparseRows lower = kept_ && !keeps ? SparseRows() : assemble_operator(description, jumps);
   active_stiffness_ = stiffness_of_active(description.members);
   sprung_ = !description.springs.empty();
   for (std::size_t e = 0; e < description.members.size(); ++e) {

@@ -113,9 +113,9 @@ class Newton {
   bool remembers_ = false;       ///< whether the way to an answer matters
   double scale_ = 0.0;           ///< size of the forces
   std::function<bool(Index)> goes_on_;
-  bool stopped_ = false;         ///< by that
-  bool slides_ = false;          ///< whether the last drift led away
-  double far_ = 0.0;             ///< reach of a step
+  bool stopped_ = false;  ///< by that
+  bool slides_ = false;   ///< whether the last drift led away
+  double far_ = 0.0;      ///< reach of a step
   double lengths_ = 0.0;  ///< reach of the gaps and of what else the laws impose on the jumps
 };
 

@@ -87,10 +87,10 @@ class SparseSkeleton : public Skeleton {
   Vector diagonal_;  ///< of K where there are rows, else infinite
   Vector own_;
   Vector metric_;
-  Matrix d_;            ///< D of the factor, as slopes are given
-  double held_ = 0.0;   ///< springs that hold all rows, relative to the search direction
+  Matrix d_;           ///< D of the factor, as slopes are given
+  double held_ = 0.0;  ///< springs that hold all rows, relative to the search direction
   bool exact_ = false;
-  bool stale_ = true;   ///< whether the factor is to be made anew
+  bool stale_ = true;  ///< whether the factor is to be made anew
   std::unique_ptr<algebra::Factor> factor_;
   Index factorisations_ = 0;
   Index solutions_ = 0;

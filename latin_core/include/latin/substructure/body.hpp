@@ -68,7 +68,7 @@ enum class OperatorKind {
 struct OperatorOptions {
   OperatorKind kind = OperatorKind::automatic;
   algebra::FactorBackend backend = algebra::FactorBackend::automatic;
-  double memory_limit = 8e9;  ///< bytes for the dense blocks of all bodies; 0: no limit
+  double memory_limit = 8e9;   ///< bytes for the dense blocks of all bodies; 0: no limit
   bool keep_operator = false;  ///< for systems of the whole bodies, see Body::kept_operator()
 };
 
@@ -300,7 +300,7 @@ class Body {
   };
   /// Of samples of a field: made when first asked for.
   [[nodiscard]] const Spread& spread() const;
-  SparseRows lower_;  ///< of the operator, columns in order where there are stretches; empty: not kept
+  SparseRows lower_;  ///< of the operator, columns in order with stretches; empty: not kept
   Lazy<Spread> spread_;
   OperatorOptions options_;
   /// What it is the sum of, in its unknowns; empty where rounding leaves enough of it.
