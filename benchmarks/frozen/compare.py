@@ -17,7 +17,10 @@ ROUNDING = 1e-5
 GROWN, GROWN_BYTES = 1.05, 1.2
 """Ratios above which a count, or the peak of memory, has grown."""
 PEAK = "peak bytes"
-ORDER = ("converged", "inexact", "max_iterations", "stagnated", "diverged", "no_equilibrium", "interrupted")
+ORDER = (
+    *("converged", "inexact", "undetermined", "max_iterations", "stagnated", "diverged"),
+    *("no_equilibrium", "interrupted"),
+)
 """How a solution ends, from the best to the worst."""
 
 
