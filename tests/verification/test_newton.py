@@ -106,7 +106,7 @@ def sandwich(across: int, young: float = 200.0) -> Problem:
         ("top", 12.0, 10.0, 2, steel),
     ):
         box = geometry.box((120, 60, height), (2 * across, across, cells), origin=(0, 0, z))
-        scene.substructure(name, box, material)
+        scene.substructure(name, box, material, degree=1)
     scene.fix("low:z0")
     for name, side, other in (("below", "low:z1", "sheet:z0"), ("above", "sheet:z1", "top:z0")):
         scene.interface(name, side, other, Contact(gap=0.0, friction=0.3))
