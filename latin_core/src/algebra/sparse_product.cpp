@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "latin/common/numbers.hpp"
+
 // the compiler makes several versions, and the machine takes its own
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
     !defined(__SANITIZE_ADDRESS__)
@@ -74,6 +76,13 @@ void multiply_sparse(const SparseRows& a, const ConstMatrixRef& x, MatrixRef out
   for (; column < x.cols(); ++column) {
     multiply_columns<1>(a, x, out, column);
   }
+}
+
+SparseRows sparse_of(const Triplets& entries, Index rows, Index columns, const std::string& what) {
+  count_of_entries(static_cast<Index>(entries.size()), what);
+  SparseRows matrix(rows, columns);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
 }
 
 }  // namespace latin::algebra

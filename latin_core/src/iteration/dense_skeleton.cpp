@@ -15,15 +15,11 @@ constexpr double nothing = 1e-10;
 }  // namespace
 
 DenseSkeleton::DenseSkeleton(const JoinedSystem& system)
-    : system_(system), flexibility_(system.laws().structure().flexibility()) {
-  ask_at(flexibility_.own());
-}
-
-void DenseSkeleton::ask_at(const Vector& own) {
-  own_ = own;
-  metric_ = own_.cwiseProduct(flexibility_.areas());
-  tangent_system_ =
-      std::make_unique<TangentSystem>(flexibility_, system_.layout(), own_ + flexibility_.direct());
+    : system_(system),
+      flexibility_(system.laws().structure().flexibility()),
+      own_(system.law_flexibility(flexibility_.own())),
+      metric_(own_.cwiseProduct(flexibility_.areas())),
+      tangent_system_(flexibility_, system.layout(), own_ + flexibility_.direct()) {
   const Matrix& jumps = flexibility_.modal_jumps();
   modes_.resize(jumps.rows(), 0);
   if (jumps.cols() > 0) {
@@ -52,7 +48,7 @@ Skeleton::Start DenseSkeleton::begin(const Vector& unbalanced, Vector& jump) con
 Vector DenseSkeleton::imbalance(const Start& start, const Vector& y, const Vector& motion) const {
   return start.loads +
          flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(y) -
-         tangent_system_->modal_stiffness().cwiseProduct(motion);
+         tangent_system_.modal_stiffness().cwiseProduct(motion);
 }
 
 bool DenseSkeleton::step(const Matrix& tangent, const Vector& phi, const Vector& imbalance,
@@ -60,7 +56,7 @@ bool DenseSkeleton::step(const Matrix& tangent, const Vector& phi, const Vector&
   // dy - R' m(dy, da) = Phi,  theta da - V^T W E dy = imbalance
   Vector right(phi.size() + imbalance.size());
   right << phi, imbalance;
-  Matrix answer = tangent_system_->solve(tangent, right);
+  Matrix answer = tangent_system_.solve(tangent, right);
   system_.follow_first(answer);
   dy = answer.topRows(phi.size());
   dm = answer.bottomRows(imbalance.size());

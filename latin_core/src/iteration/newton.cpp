@@ -54,8 +54,7 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool
   } else {
     skeleton_ = std::make_unique<SparseSkeleton>(system_);
   }
-  own_ = system_.law_flexibility(skeleton_->own());
-  skeleton_->ask_at(own_);
+  own_ = skeleton_->own();
   roots_ = own_.cwiseQuotient(skeleton_->areas()).cwiseSqrt();
   lengths_ = reach(system_.lengths());
   remembers_ = system_.laws().remembers_anywhere();

@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 #include "latin/common/numbers.hpp"
 
@@ -14,7 +15,6 @@ namespace latin::iteration {
 namespace {
 
 using substructure::Joined;
-using Triplets = std::vector<Eigen::Triplet<double, int>>;
 
 /// Laws are asked at so many times the flexibility of the nodes at a point alone: ten times less and ten times more do
 /// as well.
@@ -34,13 +34,7 @@ constexpr Index worth_a_factor = 15;
 constexpr Index most_solutions = 60;
 /// What springs that are none carry of the forces where something hangs on more.
 constexpr double held_by_nothing = 1e-3;
-
-SparseRows from(const Triplets& entries, Index rows, Index columns) {
-  count_of_entries(static_cast<Index>(entries.size()), "the structure of Newton's method");
-  SparseRows matrix(rows, columns);
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
-}
+constexpr const char* entries_of = "the structure of Newton's method";
 
 void append(const SparseRows& matrix, std::vector<double>& numbers) {
   numbers.push_back(static_cast<double>(matrix.nonZeros()));
@@ -91,7 +85,7 @@ SparseSkeleton::SparseSkeleton(const JoinedSystem& system)
       }
     }
   }
-  sides_ = from(sides, system.unknowns(), weights_.size());
+  sides_ = algebra::sparse_of(sides, system.unknowns(), weights_.size(), entries_of);
   gather();
   jumps_ = sides_ * traces_;
   find_own();
@@ -127,9 +121,9 @@ void SparseSkeleton::gather() {
       nodes += size;
     }
   }
-  traces_ = from(traces, weights_.size(), nodes);
+  traces_ = algebra::sparse_of(traces, weights_.size(), nodes, entries_of);
   const SparseRows robin = traces_.transpose() * SparseRows(springs_.asDiagonal() * traces_);
-  stiffness_ = from(stiffness, nodes, nodes);
+  stiffness_ = algebra::sparse_of(stiffness, nodes, nodes, entries_of);
   stiffness_ -= SparseRows(robin.triangularView<Eigen::Lower>());
 }
 
@@ -143,14 +137,9 @@ void SparseSkeleton::find_own() {
       of_rows(row) += weights_(row) * it.value() * it.value() / diagonal(it.col());
     }
   }
-  own_ = of_nodes * (sides_.cwiseAbs() * of_rows);
+  own_ =
+      system_.law_flexibility(system_.joined().of_points(of_nodes * (sides_.cwiseAbs() * of_rows)));
   metric_ = areas_.cwiseProduct(own_);
-}
-
-void SparseSkeleton::ask_at(const Vector& own) {
-  own_ = own;
-  metric_ = areas_.cwiseProduct(own_);
-  stale_ = true;
 }
 
 /// D of a point, bounded, symmetric and not negative.
@@ -192,7 +181,7 @@ void SparseSkeleton::factorise(const Matrix& tangent) {
       }
     }
   }
-  const SparseRows closed = from(entries, tangent.rows(), tangent.rows());
+  const SparseRows closed = algebra::sparse_of(entries, tangent.rows(), tangent.rows(), entries_of);
   const SparseRows joined = jumps_.transpose() * SparseRows(closed * jumps_);
   const SparseRows robin = traces_.transpose() * SparseRows(springs_.asDiagonal() * traces_);
   for (held_ = least_held;; held_ *= stiffer) {

@@ -12,6 +12,7 @@
 #include "latin/iteration/newton.hpp"
 #include "latin/iteration/sparse_skeleton.hpp"
 #include "latin/substructure/interface_system.hpp"
+#include "latin/substructure/tangent.hpp"
 
 namespace latin::iteration {
 
@@ -212,18 +213,31 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
     return {};
   }
   const bool sparse = SparseSkeleton::possible(structure());
-  const bool dense = structure().has_flexibility() && (!sparse || prefers_dense(structure()));
+  bool dense = structure().has_flexibility() && (!sparse || prefers_dense(structure()));
   if (!dense && !sparse) {
     return {};
   }
   return [this, tolerance, dense, goes_on = std::move(goes_on), newton = std::shared_ptr<Newton>()](
              State& state, Index most) mutable {
     double seconds = 0.0;
-    if (!newton) {
+    const auto make = [&] {
       const Timed timed(seconds);
       newton = std::make_shared<Newton>(global_, amplitudes_, dense, goes_on);
+    };
+    if (!newton) {
+      make();
     }
     NewtonOutcome outcome = newton->solve(state, tolerance, most);
+    // what they have not solved may only be held by friction, or by nothing: a matter of the modes
+    if (!dense && outcome.solved < std::min(most, state.data.cols()) &&
+        structure().has_flexibility() && substructure::Tangent::bearable(structure()) &&
+        goes_on(outcome.steps)) {
+      dense = true;
+      make();
+      const NewtonOutcome further = newton->solve(state, tolerance, most);
+      outcome = {further.solved, outcome.stages + further.stages, outcome.steps + further.steps,
+                 0.0, further.slides};
+    }
     outcome.flexibility_s = seconds;
     return outcome;
   };

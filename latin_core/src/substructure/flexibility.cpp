@@ -19,8 +19,6 @@ namespace {
 constexpr Index most_modes = 12;
 /// Modes softer than this fraction of the springs k are kept apart.
 constexpr double soft = 1e-4;
-/// Least flexibility of a point, relative to the mean.
-constexpr double least_own = 1e-2;
 /// Least stiffness of a mode, in the same terms: rounding of a rigid one.
 constexpr double floating = 1e-13;
 /// Steps of the subspace iteration: what is soft is 1 / mu times larger after each.
@@ -142,19 +140,10 @@ void Flexibility::gather() {
 }
 
 void Flexibility::find_own() {
-  own_ = matrix_.diagonal();
-  for (Index row = 0; row < own_.size();) {
-    const Index count = components_[static_cast<std::size_t>(row)];
-    own_.segment(row, count).setConstant(own_.segment(row, count).mean());
-    row += count;
+  own_ = joined_->of_points(matrix_.diagonal());
+  if (!(own_.size() > 0 && own_.minCoeff() > 0.0)) {
+    own_ = direct_;
   }
-  // relative to what displacements are measured with: other than forces per area have units of their own
-  Vector scales(own_.size());
-  for (Index row = 0; row < joined_->rows(); ++row) {
-    scales(unknown_[static_cast<std::size_t>(row)]) = joined_->scales()(row);
-  }
-  const double mean = own_.size() > 0 ? own_.cwiseProduct(scales).mean() : 0.0;
-  own_ = mean > 0.0 ? Vector(own_.cwiseMax(least_own * mean * scales.cwiseInverse())) : direct_;
 }
 
 void Flexibility::find_modes(Part& part, const SparseRows& springs) {

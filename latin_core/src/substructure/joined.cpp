@@ -9,8 +9,6 @@
 namespace latin::substructure {
 namespace {
 
-using Triplets = std::vector<Eigen::Triplet<double, int>>;
-
 /// S of a body on its active unknowns: without the springs k of its sides, the lower triangle.
 Matrix stiffness_of(const Body& body) {
   Matrix stiffness = body.schur();
@@ -291,6 +289,22 @@ Matrix Joined::own_unknowns(ConstMatrixRef all) const {
         all.middleRows(first_unknowns_[i], interface.size());
   }
   return own;
+}
+
+Vector Joined::of_points(Vector flexibility) const {
+  constexpr double least = 1e-2;
+  // relative to what displacements are measured with: other than forces per area have units of their own
+  Vector scales(flexibility.size());
+  for (const JoinedInterface& interface : interfaces_) {
+    for (Index i = 0; i < interface.size; i += interface.components) {
+      auto point = flexibility.segment(interface.first_unknown + i, interface.components);
+      point.setConstant(point.mean());
+    }
+    scales.segment(interface.first_unknown, interface.size) =
+        scales_.segment(*std::ranges::max_element(interface.rows), interface.size);
+  }
+  const double mean = flexibility.size() > 0 ? flexibility.cwiseProduct(scales).mean() : 0.0;
+  return flexibility.cwiseMax(least * mean * scales.cwiseInverse());
 }
 
 }  // namespace latin::substructure

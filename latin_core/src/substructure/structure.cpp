@@ -109,16 +109,19 @@ Structure::Structure(std::vector<BodyDescription> bodies,
   const Owners owners = find_owners();
   std::vector<std::string> joined;
   double unknowns = 0.0;
+  bool linear = true;
   for (const InterfaceDescription& interface : interfaces) {
     unknowns += static_cast<double>(interface.frames.rows());
+    linear = linear && interface.law.make()->linear();
     if (interface.sides.size() == 2) {
       joined.insert(joined.end(), {interface.sides[0].member, interface.sides[1].member});
     }
   }
   OperatorOptions of_bodies = options;
   unknowns = communicator_.sum(unknowns);
-  of_bodies.keep_operator = options.keep_operator || unknowns > static_cast<double>(few_unknowns) ||
-                            (memory_limit_ > 0.0 && 8.0 * unknowns * unknowns > memory_limit_);
+  const bool many = unknowns > static_cast<double>(few_unknowns) ||
+                    (memory_limit_ > 0.0 && 8.0 * unknowns * unknowns > memory_limit_);
+  of_bodies.keep_operator = options.keep_operator || (many && !communicator_.everywhere(linear));
   communicator_.together([&] {
     Sides sides{std::vector<std::vector<BodySide>>(bodies.size()), {}};
     sides.owner.resize(bodies.size());

@@ -14,8 +14,6 @@
 namespace latin::substructure {
 namespace {
 
-using Triplets = std::vector<Eigen::Triplet<double, int>>;
-
 /// A rigid connection is this many times as stiff as the search directions of its sides together, and as a node of
 /// the stiffer side: more is rounding of forces, less lets the stiffer side deform as it likes.
 constexpr double rigid_in_series = 1e5;
@@ -48,6 +46,7 @@ constexpr double affordable = 0.1;
 constexpr double bearable_alone = 2e11;
 constexpr double bearable_beside = 3.0;
 
+constexpr const char* linearised = "the linearised structure";
 constexpr const char* not_stable = "the structure is not stable with the tangents of its laws";
 
 /// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
@@ -67,13 +66,6 @@ bool of_springs(const Matrix& tangent) {
   return tangent.diagonal().minCoeff() >= 0.0 &&
          (tangent - tangent.transpose()).cwiseAbs().maxCoeff<keep_nan>() <=
              same_slope * tangent.cwiseAbs().maxCoeff();
-}
-
-SparseRows from(const Triplets& entries, Index rows, Index columns) {
-  count_of_entries(static_cast<Index>(entries.size()), "the linearised structure");
-  SparseRows matrix(rows, columns);
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
 }
 
 /// Product with the matrix whose lower triangle is given; BLAS refuses those of parts without active unknowns.
@@ -117,7 +109,7 @@ Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joine
     entries += static_cast<double>(body.stiffness.size());
   }
   dense_ = entries > filled * static_cast<double>(active_ * active_);
-  traces_ = from(traces, joined_->rows(), active_);
+  traces_ = algebra::sparse_of(traces, joined_->rows(), active_, linearised);
   const Index unknowns = joined_->unknowns();
   areas_.resize(unknowns);
   flexibility_.resize(unknowns);
@@ -137,7 +129,7 @@ Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joine
       }
     }
   }
-  sides_ = from(sides, unknowns, joined_->rows());
+  sides_ = algebra::sparse_of(sides, unknowns, joined_->rows(), linearised);
   set_rigid();
   jumps_ = sides_ * traces_;
   to_unknowns_ = traces_.transpose();
@@ -239,7 +231,7 @@ void Tangent::set_tangents(
       }
     }
   }
-  tangent_ = from(entries, areas_.size(), areas_.size());
+  tangent_ = algebra::sparse_of(entries, areas_.size(), areas_.size(), linearised);
 }
 
 SparseColumns Tangent::assemble() const {
@@ -255,7 +247,7 @@ SparseColumns Tangent::assemble() const {
     }
     first += each.rows();
   }
-  count_of_entries(static_cast<Index>(entries.size()), "the linearised structure");
+  count_of_entries(static_cast<Index>(entries.size()), linearised);
   SparseColumns matrix(active_, active_);
   matrix.setFromTriplets(entries.begin(), entries.end());
   const SparseColumns joined = joined_springs();

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
+#include <vector>
 
 namespace latin {
 
@@ -18,6 +19,7 @@ using ConstVectorRef = Eigen::Ref<const Vector>;
 /// 32-bit indices, as PETSc's and CHOLMOD's default builds.
 using SparseRows = Eigen::SparseMatrix<double, Eigen::RowMajor, int>;
 using SparseColumns = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+using Triplets = std::vector<Eigen::Triplet<double, int>>;
 
 /// All rows or columns in an index expression: Eigen 3.4 and 5 keep their own in different places.
 inline const Eigen::internal::all_t every{};

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <memory>
-
 #include "latin/iteration/joined_system.hpp"
 #include "latin/iteration/skeleton.hpp"
 #include "latin/iteration/tangent_system.hpp"
@@ -22,14 +20,13 @@ class DenseSkeleton : public Skeleton {
 
   [[nodiscard]] const Vector& own() const override { return own_; }
   [[nodiscard]] const Vector& areas() const override { return flexibility_.areas(); }
-  void ask_at(const Vector& own) override;
   [[nodiscard]] Index motions() const override { return flexibility_.modal_stiffness().size(); }
   [[nodiscard]] Index modes() const override { return motions(); }
   [[nodiscard]] Start begin(const Vector& unbalanced, Vector& jump) const override;
   [[nodiscard]] Vector imbalance(const Start& start, const Vector& y,
                                  const Vector& motion) const override;
   [[nodiscard]] Vector moved(const Vector& y, const Vector& motion) const override {
-    return tangent_system_->moved(y, motion);
+    return tangent_system_.moved(y, motion);
   }
   [[nodiscard]] bool step(const Matrix& tangent, const Vector& phi, const Vector& imbalance,
                           Vector& dy, Vector& dm) override;
@@ -39,11 +36,11 @@ class DenseSkeleton : public Skeleton {
     return imbalance.norm();
   }
   [[nodiscard]] bool loose(const Vector& motion, double force) const override;
-  void hold(double spring) override { tangent_system_->hold(spring); }
+  void hold(double spring) override { tangent_system_.hold(spring); }
   [[nodiscard]] Vector data(ConstVectorRef data, ConstVectorRef traces, const Start& start,
                             const Vector& force, const Vector& y,
                             const Vector& motion) const override;
-  [[nodiscard]] Index factorisations() const override { return tangent_system_->factorisations(); }
+  [[nodiscard]] Index factorisations() const override { return tangent_system_.factorisations(); }
 
  private:
   const JoinedSystem& system_;
@@ -51,7 +48,7 @@ class DenseSkeleton : public Skeleton {
   Vector own_;     ///< flexibility at which the laws are asked
   Vector metric_;  ///< areas * own_
   Matrix modes_;   ///< orthonormal basis of the jumps of the modes times the root of the metric
-  std::unique_ptr<TangentSystem> tangent_system_;
+  TangentSystem tangent_system_;
 };
 
 }  // namespace latin::iteration

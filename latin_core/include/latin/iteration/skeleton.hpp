@@ -26,11 +26,10 @@ class Skeleton {
   Skeleton& operator=(Skeleton&&) = delete;
   virtual ~Skeleton() = default;
 
-  /// Flexibility of the bodies at the points (unknowns), at which laws are asked, and areas.
+  /// Flexibility of the bodies at the points (unknowns), at which laws are asked and to which free jumps belong, and
+  /// areas.
   [[nodiscard]] virtual const Vector& own() const = 0;
   [[nodiscard]] virtual const Vector& areas() const = 0;
-  /// Free jumps are to be those at this flexibility from here on.
-  virtual void ask_at(const Vector& own) = 0;
   /// Numbers of a motion.
   [[nodiscard]] virtual Index motions() const = 0;
   /// Modes that nothing but springs would hold; 0: not known apart from the rest.
@@ -56,7 +55,7 @@ class Skeleton {
   [[nodiscard]] virtual double size_of_imbalance(const Vector& imbalance) const = 0;
   /// Whether what moves like that hangs on nothing: springs that are none would carry as much as this force.
   [[nodiscard]] virtual bool loose(const Vector& motion, double force) const = 0;
-  /// Hold the modes by springs, relative to the search direction; and what they carry.
+  /// Hold the modes by springs, relative to the search direction.
   virtual void hold(double spring) = 0;
   /// The data of a column after changes of it.
   /// @param data, traces (rows) where it began  @param force all of it

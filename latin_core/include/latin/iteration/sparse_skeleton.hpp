@@ -36,7 +36,6 @@ class SparseSkeleton : public Skeleton {
 
   [[nodiscard]] const Vector& own() const override { return own_; }
   [[nodiscard]] const Vector& areas() const override { return areas_; }
-  void ask_at(const Vector& own) override;
   [[nodiscard]] Index motions() const override { return 2 * traces_.rows(); }
   [[nodiscard]] Index modes() const override { return 0; }
   [[nodiscard]] Start begin(const Vector& unbalanced, Vector& jump) const override;
