@@ -32,7 +32,7 @@ _SYSTEMS = 2.0
 """LU factorisations for each column: the tangents of a first step, and of a last one."""
 _SMALL = 0.1
 """Share of the factorisations of the bodies that is little."""
-_FEW, _WHOLE = 3000, 10.0
+_FEW, _WHOLE = 500, 10.0
 """Unknowns up to which it is dense (as in the kernel's ``structure.hpp``); factorisations of bodies, else."""
 
 

@@ -59,7 +59,7 @@ struct ActiveInterface {
 class Structure {
  public:
   /// Interface unknowns up to which dense matrices of them are always affordable.
-  static constexpr Index few_unknowns = 3000;
+  static constexpr Index few_unknowns = 500;
 
   /// Collective. @param before a structure whose bodies' factors serve again where only their sides differ; null: none
   /// @throws InputError or NumericalError naming the body or interface
