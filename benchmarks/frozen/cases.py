@@ -349,26 +349,29 @@ FORCE, BED, ARM = 10e3, 50.0, (10.0, 70.0)
 BOLT = lf.BoltStiffness.vdi2230(d=12, pitch=1.75, shank=25, thread=15, E=205e3)
 
 
-def tightened() -> list[list[float]]:
+def tightened(how: str) -> list[list[float]]:
     """Forces of two bolts on a rigid plate on a bed of 80 x 10 mm, tightened one after the other.
 
     The plate heaves, tilts and shifts; the bolts are beams of 42 mm that are clamped in the base and in the
-    plate, 12 mm above the bed, and bend with it.
+    plate, 12 mm above the bed. They bend with it: both always, or each with what comes after its interval.
     """
     k, q, length = BOLT.axial, BOLT.bending, 42.0
     beam = np.array([[12 * q / length**2, -6 * q / length], [-6 * q / length, 4 * q]])
     head = np.array([[0.0, 12.0, 1.0], [0.0, 1.0, 0.0]])
-    K = BED * 10.0 * np.diag([80.0, 80.0**3 / 12, 80.0]) + 2 * head.T @ beam @ head
+    bends, bed = head.T @ beam @ head, BED * 10.0 * np.diag([80.0, 80.0**3 / 12, 80.0])
     first, second = (np.array([1.0, x - 40.0, 0.0]) for x in ARM)
-    lock = FORCE + k * first @ np.linalg.solve(K, FORCE * first)
-    u = np.linalg.solve(K + k * np.outer(first, first), FORCE * second + lock * first)
+    before, bent = (0.0 * bends, bends) if how == "during" else (2 * bends, 2 * bends)
+    start = np.linalg.solve(bed + before, FORCE * first)
+    lock = FORCE + k * first @ start
+    load = FORCE * second + lock * first + (bent - before) @ start
+    u = np.linalg.solve(bed + bent + k * np.outer(first, first), load)
     return [[FORCE, 0.0], [float(lock - k * first @ u), FORCE]]
 
 
 TIGHT = {
     f"{how} bolt{i}@{k}": Right(force, 1e-3 if force else 1.0, "rigid plate on springs and beams")
     for how in ("during", "until")
-    for k, row in enumerate(tightened())
+    for k, row in enumerate(tightened(how))
     for i, force in enumerate(row)
 }
 
