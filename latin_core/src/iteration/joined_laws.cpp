@@ -3,6 +3,14 @@
 #include "latin/common/error.hpp"
 
 namespace latin::iteration {
+namespace {
+
+/// What is remembered grows by more than this, or it is rounding.
+constexpr double grows = 1e-9;
+
+bool softens(const interface::Law& law) { return !law.monotone() && law.memory() > 0; }
+
+}  // namespace
 
 using substructure::Joined;
 
@@ -69,6 +77,29 @@ std::vector<bool> JoinedLaws::linear() const {
     linear.push_back(interface.size == 0 || of_each(interface.first_unknown, 0) > 0.5);
   }
   return linear;
+}
+
+Vector JoinedLaws::softening() const {
+  return of_unknowns(1, [&] {
+    Vector own = Vector::Zero(system_.unknowns());
+    const substructure::Structure& structure = laws().structure();
+    for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
+      const substructure::ActiveInterface& interface = structure.interface(i);
+      own.segment(interface.first_unknown, interface.size())
+          .setConstant(softens(*laws().of(i).law) ? 1.0 : 0.0);
+    }
+    return own;
+  });
+}
+
+bool JoinedLaws::damages(const Memory& before, const Memory& after) const {
+  bool none = true;
+  for (std::size_t i = 0; i < before.kept.size(); ++i) {
+    none = none &&
+           !(softens(*laws().of(i).law) &&
+             ((after.kept[i] - before.kept[i]).array() > grows * before.kept[i].array()).any());
+  }
+  return !communicator().everywhere(none);
 }
 
 Vector JoinedLaws::lengths() const {

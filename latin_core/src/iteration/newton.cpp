@@ -58,6 +58,7 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool
   roots_ = own_.cwiseQuotient(skeleton_->areas()).cwiseSqrt();
   lengths_ = reach(system_.lengths());
   remembers_ = system_.laws().remembers_anywhere();
+  softening_ = system_.softening().cwiseProduct(skeleton_->areas());
 }
 
 /// Jumps that the loads alone leave, where no interface pushes and nothing moves as a whole.
@@ -95,19 +96,26 @@ double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
 }
 
 Newton::Column Newton::begin(const State& state, Index index) {
-  Column column;
-  column.index = index;
   // as the iteration sees it: the forces of the laws at the jumps of this iterate
   const auto data = state.data.col(index);
   const auto traces = state.traces.col(index);
   const Matrix free = system_.free_jumps(data, traces);
-  column.before = system_.forces(index, memory_, free.col(0), system_.direct());
-  const Vector unbalanced = 0.5 * system_.residual(column.before, data, traces);
-  column.jump = system_.jumps(traces) + own_.cwiseProduct(column.before);
-  column.start = skeleton_->begin(unbalanced, column.jump);
-  column.y = Vector::Zero(free.size());
-  column.motion = Vector::Zero(skeleton_->motions());
+  Column column =
+      started(index, system_.forces(index, memory_, free.col(0), system_.direct()), data, traces);
   evaluate(column);
+  return column;
+}
+
+Newton::Column Newton::started(Index index, const Vector& force, ConstVectorRef data,
+                               ConstVectorRef traces) const {
+  Column column;
+  column.index = index;
+  column.before = force;
+  const Vector unbalanced = 0.5 * system_.residual(force, data, traces);
+  column.jump = system_.jumps(traces) + own_.cwiseProduct(force);
+  column.start = skeleton_->begin(unbalanced, column.jump);
+  column.y = Vector::Zero(force.size());
+  column.motion = Vector::Zero(skeleton_->motions());
   return column;
 }
 
@@ -169,7 +177,7 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
     apply(state, index);
     column = begin(state, index);
   }
-  const bool found = march(column, tolerance, steps);
+  const bool found = march(state, column, tolerance, steps);
   const bool same = found && !known && of_own.norm <= tolerance * scale_ &&
                     skeleton_->size_of(column.force() - of_own.force()) <= same_answer * scale_;
   if ((found || slides_) && !same) {
@@ -184,9 +192,14 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
 }
 
 /// From the answer of the step before.
-bool Newton::march(Column& column, double tolerance, Index& steps) {
+bool Newton::march(const State& state, Column& column, double tolerance, Index& steps) {
   last_.slopes = system_.slopes(column.index, memory_, last_.jump, own_);
   const Column start = column;
+  if (system_.follow_first((softening_.array() > 0.0).any())) {
+    if (follow(state, column, tolerance, steps)) {
+      return true;
+    }
+  }
   for (const Way way : {Way{&last_, false}, Way{&last_, true}, Way{nullptr, true}}) {
     column = start;
     if (attempt(column, tolerance, way, steps)) {

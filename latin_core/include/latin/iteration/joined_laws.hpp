@@ -60,6 +60,10 @@ class JoinedLaws {
   [[nodiscard]] std::vector<bool> linear() const;
   /// (unknowns) the largest gap and imposed jump of any column, length.
   [[nodiscard]] Vector lengths() const;
+  /// (unknowns) 1 where a law softens and remembers: it is not monotone.
+  [[nodiscard]] Vector softening() const;
+  /// Whether such laws remember more than they did.
+  [[nodiscard]] bool damages(const Memory& before, const Memory& after) const;
   /// See InterfaceSystem; the memory is that of this rank's interfaces.
   [[nodiscard]] Vector law_flexibility(const Vector& wanted) const;
   [[nodiscard]] Matrix free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const;

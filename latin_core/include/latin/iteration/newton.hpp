@@ -28,6 +28,9 @@ namespace latin::iteration {
 /// become ever weaker: where these end up carrying a constant share of the loads, however weak they are, something
 /// slides away. What none of these solves ends the march: the columns before it are answers.
 ///
+/// Bonds that soften are followed along their path: elastic up to the load at which the first point is damaged, then by
+/// what is dissipated, with the load as one more unknown, through loads that fall, until the step's is reached.
+///
 /// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: see Skeleton.
 ///
 /// On several ranks the bodies and laws are asked where they are, and each rank takes the same steps, see JoinedSystem.
@@ -78,9 +81,29 @@ class Newton {
   [[nodiscard]] double size_of_forces(const Matrix& data, const Matrix& traces) const;
   [[nodiscard]] double reach_of_loads(const State& state);
   [[nodiscard]] Column begin(const State& state, Index index);
+  /// With given forces, not evaluated.
+  [[nodiscard]] Column started(Index index, const Vector& force, ConstVectorRef data,
+                               ConstVectorRef traces) const;
   /// From where an iteration is, if that is near, and else from the step before.
   [[nodiscard]] bool solve_column(State& state, Column& column, double tolerance, Index& steps);
-  [[nodiscard]] bool march(Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool march(const State& state, Column& column, double tolerance, Index& steps);
+  /// The way between the loads of the step before and those of a column.
+  struct Course {
+    Skeleton::Start start;  ///< change of that, and of the free jumps
+    Vector jump;
+    double load = 0.0;  ///< reached so far: 0 to 1
+  };
+  /// Along the path on which bonds are damaged.
+  [[nodiscard]] bool follow(const State& state, Column& column, double tolerance, Index& steps);
+  [[nodiscard]] Course course_of(const State& state, Column& column);
+  [[nodiscard]] bool advance(Course& course, Column& column, double tolerance, Index& steps);
+  /// Without damage, as far as that goes.
+  [[nodiscard]] bool go_elastic(Course& course, Column& column, double tolerance, Index& steps);
+  /// So much more dissipated.
+  [[nodiscard]] bool dissipate(Course& course, Column& column, double amount, double tolerance,
+                               Index& steps);
+  static void load(Course& course, Column& column, double more);
+  [[nodiscard]] JoinedSystem::Memory after(const Column& column) const;
   [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool hangs(Column column, double load);
@@ -111,6 +134,9 @@ class Newton {
   JoinedSystem::Memory memory_;  ///< of the columns before
   Predictor last_;               ///< of the answer of the column before
   bool remembers_ = false;       ///< whether the way to an answer matters
+  Vector softening_;             ///< areas of the unknowns of bonds, else 0
+  double energy_ = 0.0;          ///< that the next increment of their path dissipates
+  double growth_ = 4.0;          ///< of that from one to the next, until one has failed
   double scale_ = 0.0;           ///< size of the forces
   std::function<bool(Index)> goes_on_;
   bool stopped_ = false;  ///< by that
