@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "latin/common/error.hpp"
 #include "latin/iteration/dense_skeleton.hpp"
 #include "latin/iteration/sparse_skeleton.hpp"
 
@@ -203,7 +204,10 @@ bool Newton::march(const State& state, Column& column, double tolerance, Index& 
   for (const Way way : {Way{&last_, false}, Way{&last_, true}, Way{nullptr, true}}) {
     column = start;
     if (attempt(column, tolerance, way, steps)) {
-      return true;
+      if (!gone(column)) {
+        return true;
+      }
+      break;  // what holds it there may be rounding
     }
   }
   column = start;
@@ -268,10 +272,15 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
   return false;
 }
 
+/// Whether it is further away than all that it could meet.
+bool Newton::gone(const Column& column) const {
+  return system_.follow_first(reach(column.jump) > std::max(far_, farthest * reach(last_.jump)));
+}
+
 /// The modes on springs that hold them where the column began, ever weaker: at an equilibrium they carry nothing in the
 /// end.
 bool Newton::drift(Column& column, double tolerance, Index& steps) {
-  if (skeleton_->modes() == 0) {
+  if (!skeleton_->moves()) {
     return false;
   }
   std::vector<double> carried;
@@ -281,11 +290,9 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
     skeleton_->hold(spring);
     found = settle(column, before > 0.0 ? before / spring : 1.0, tolerance, steps);
     before = spring;
-    carried.push_back(system_.follow_first(spring * column.motion.norm()));
+    carried.push_back(system_.follow_first(skeleton_->held(column.motion)));
     const double size = std::max(scale_, skeleton_->size_of(column.force()));
-    // further away than all that it could meet
-    const bool gone = system_.follow_first(reach(column.jump) > far_);
-    if (found && gone && spring < weak_spring && carried.back() > carries_nothing * size &&
+    if (found && gone(column) && spring < weak_spring && carried.back() > carries_nothing * size &&
         carried.back() > constant_share * carried[carried.size() - 2]) {
       slides_ = !hangs(column, carried.back());
       break;
@@ -304,8 +311,13 @@ bool Newton::hangs(Column column, double load) {
   evaluate(column);
   Vector dy;
   Vector dm;
-  const bool answers = skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_),
-                                       column.phi, imbalance(column), dy, dm);
+  bool answers = false;
+  try {
+    answers = skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_), column.phi,
+                              imbalance(column), dy, dm);
+  } catch (const NumericalError&) {
+    // the matrix is singular: nothing does
+  }
   return system_.follow_first(answers && !skeleton_->loose(dm, load));
 }
 
@@ -314,10 +326,12 @@ bool Newton::settle(Column& column, double ratio, double tolerance, Index& steps
   std::vector<Column> starts{column};
   if (ratio > 1.0) {
     // what hangs on a spring alone goes as much further as that is weaker
-    const Vector further = (ratio - 1.0) * column.motion;
-    starts.insert(starts.begin(), column);
-    starts.front().motion += further;
-    starts.front().jump += skeleton_->moved(Vector::Zero(column.y.size()), further);
+    const Vector further = skeleton_->further(column.motion, ratio);
+    if (further.size() > 0) {
+      starts.insert(starts.begin(), column);
+      starts.front().motion += further;
+      starts.front().jump += skeleton_->moved(Vector::Zero(column.y.size()), further);
+    }
   }
   for (Column& start : starts) {
     evaluate(start);

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "latin/iteration/newton.hpp"
@@ -10,9 +11,18 @@ namespace {
 /// Steps of Newton's with the load as an unknown, and increments of a column.
 constexpr Index most_corrections = 10;
 constexpr Index most_increments = 20000;
-/// Increments grow by this once one has failed; one that fails is made smaller.
-constexpr double growth_later = 1.05;
+constexpr Index most_elastic = 100;
+/// An increment damages no more than one point that breaks, or this share of all that are damaged; what is meant of that,
+/// and what is little.
+constexpr double most_damaged = 1.0;
+constexpr double share_of_damaged = 0.05;
+constexpr double meant = 0.5;
+constexpr double little = 0.1;
+/// From one increment to the next; one that fails is made smaller.
+constexpr double largest_growth = 4.0;
 constexpr double smaller_by = 0.5;
+/// A point is damaged if it loses more of its stiffness than this.
+constexpr double damaged_by = 1e-6;
 /// The last that is tried, relative to the first.
 constexpr double least_share = 1e-6;
 /// Jumps are opened by this share to see what bonds at their threshold do when they are damaged.
@@ -66,29 +76,80 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
                     .cwiseProduct(column.jump - own_.cwiseProduct(column.force()))
                     .maxCoeff());
     }
+    intact_ = stiffness_of_bonds(column.index);
     const double least = least_share * energy_;
     Index left = most_increments;
     while (course.load != 1.0 && energy_ > least && left-- > 0 && !stopped_) {
-      if (advance(course, column, tolerance, steps)) {
-        energy_ *= growth_;
-      } else {
-        growth_ = growth_later;
-        energy_ *= smaller_by;
-      }
+      energy_ *= advance(course, column, tolerance, steps);
     }
   }
   const bool damaged = system_.damages(memory, memory_);
   memory_ = memory;
+  energy_ = course.load == 1.0 ? energy_ : 0.0;
   // what was damaged on the way is one step to the laws
   evaluate(column);
   return course.load == 1.0 && (!damaged || attempt(column, tolerance, {}, steps));
 }
 
+/// (unknowns) of bonds that nothing has damaged.
+Vector Newton::stiffness_of_bonds(Index index) const {
+  const Matrix slopes = system_.slopes(index, system_.blank(), Vector::Zero(own_.size()), own_);
+  Vector stiffness(own_.size());
+  for (Index row = 0; row < own_.size(); ++row) {
+    const double slope = slopes(row, row - system_.layout().first[static_cast<std::size_t>(row)]);
+    stiffness(row) = softening_(row) > 0.0 ? slope / (1.0 - slope * own_(row)) : 0.0;
+  }
+  return stiffness;
+}
+
+/// 1 - D of the points of bonds, in the first row of each; 1 elsewhere.
+Vector Newton::integrity(const Column& column) const {
+  const Vector force = column.force();
+  const Vector jump = column.jump - own_.cwiseProduct(force);
+  Vector left = Vector::Ones(own_.size());
+  for (Index row = 0; row < own_.size(); ++row) {
+    const Index first = system_.layout().first[static_cast<std::size_t>(row)];
+    const Index count = system_.layout().components[static_cast<std::size_t>(row)];
+    const auto at = Eigen::seqN(first, count);
+    const double whole = intact_(at).dot(jump(at).cwiseAbs2());
+    if (row == first && whole > 0.0) {
+      left(row) = std::clamp(force(at).dot(jump(at)) / whole, 0.0, 1.0);
+    }
+  }
+  return left;
+}
+
+/// Points that are damaged in an increment, relative to what may be.
+double Newton::damage(const Column& from, const Column& to) const {
+  const Vector lost = (integrity(from) - integrity(to)).cwiseMax(0.0);
+  const auto opened = [this](const Column& at) -> Vector {
+    return softening_.cwiseProduct(at.jump - own_.cwiseProduct(at.force()));
+  };
+  // bonds go on as they did: with the loads the other way round as much might be dissipated
+  if (system_.follow_first(opened(from).dot(opened(to))) < 0.0) {
+    return std::numeric_limits<double>::infinity();
+  }
+  const auto points = static_cast<double>((lost.array() > damaged_by).count());
+  return system_.follow_first(lost.sum() / std::max(1.0, share_of_damaged * points));
+}
+
 /// By one increment, or to the load of the step if that lies on the way.
-bool Newton::advance(Course& course, Column& column, double tolerance, Index& steps) {
+/// @return by how much the next one may be larger, or has to be smaller
+double Newton::advance(Course& course, Column& column, double tolerance, Index& steps) {
   Course on = course;
   Column next = column;
   bool found = dissipate(on, next, energy_, tolerance, steps);
+  double growth = largest_growth;
+  if (found) {
+    const double damaged = damage(column, next);
+    // where the load may have been that of the step on the way, that is looked for with short increments
+    const double rise = on.rate_at_first;
+    const double fall = -on.rate;
+    const bool near = rise > 0.0 && fall > 0.0 &&
+                      fall * course.load + rise * (on.load + fall * energy_) >= rise + fall;
+    found = damaged < (near ? little : most_damaged);
+    growth = std::min(largest_growth, damaged > 0.0 ? meant / damaged : largest_growth);
+  }
   if (found && on.load > 1.0) {
     const double share = (1.0 - course.load) / (on.load - course.load);
     Column between = column;
@@ -102,15 +163,30 @@ bool Newton::advance(Course& course, Column& column, double tolerance, Index& st
     evaluate(next);
     found = attempt(next, tolerance, {}, steps);
   }
-  if (found) {
-    course = on;
-    column = next;
-    memory_ = after(column);
+  if (!found) {
+    return smaller_by;
   }
-  return found;
+  course = on;
+  column = next;
+  memory_ = after(column);
+  return growth;
 }
 
+/// Contacts may open and close on the way: on until a point is at its strength.
 bool Newton::go_elastic(Course& course, Column& column, double tolerance, Index& steps) {
+  for (Index count = 0; count < most_elastic && course.load != 1.0; ++count) {
+    const double before = course.load;
+    if (!go_straight(course, column, tolerance, steps)) {
+      return false;
+    }
+    if (course.load == before) {
+      break;
+    }
+  }
+  return true;
+}
+
+bool Newton::go_straight(Course& course, Column& column, double tolerance, Index& steps) {
   const Predictor unloading{column.force(), column.jump,
                             system_.slopes(column.index, memory_, column.jump, own_)};
   const double left = 1.0 - course.load;
@@ -157,15 +233,29 @@ bool Newton::go_elastic(Course& course, Column& column, double tolerance, Index&
   return true;
 }
 
+/// Areas of the unknowns of bonds, without normals under pressure: that damages nothing.
+Vector Newton::tension(const Vector& opening) const {
+  Vector areas = softening_;
+  for (Index row = 0; row < areas.size(); ++row) {
+    if (system_.layout().first[static_cast<std::size_t>(row)] == row && opening(row) < 0.0) {
+      areas(row) = 0.0;
+    }
+  }
+  return areas;
+}
+
 bool Newton::dissipate(Course& course, Column& column, double amount, double tolerance,
                        Index& steps) {
   const auto& layout = system_.layout();
-  const Vector force = softening_.cwiseProduct(column.force());
   const Vector opening = column.jump - own_.cwiseProduct(column.force());
-  const Vector jump = softening_.cwiseProduct(opening);
+  const Vector pulled = tension(opening);
+  const Vector force = pulled.cwiseProduct(column.force());
+  const Vector jump = pulled.cwiseProduct(opening);
+  Vector counts = pulled;
   // half of f0 j - f j0: the energy that secants lose
   const auto dissipated = [&](const Vector& y, const Vector& free) {
-    return 0.5 * (force.dot(free - own_.cwiseProduct(y)) - y.dot(jump));
+    const Vector moved = free - own_.cwiseProduct(y);
+    return 0.5 * (force.dot(counts.cwiseProduct(moved)) - jump.dot(counts.cwiseProduct(y)));
   };
   const double size = std::max(scale_, skeleton_->size_of(column.force()));
   Matrix tangent =
@@ -197,6 +287,10 @@ bool Newton::dissipate(Course& course, Column& column, double amount, double tol
     const Vector change = skeleton_->moved(dy, dm);
     const Vector change_of_load = skeleton_->moved(dy_of_load, dm_of_load) + course.jump;
     const double rate = dissipated(dy_of_load, change_of_load);
+    course.rate = system_.follow_first(1.0 / rate);
+    if (count == 0) {
+      course.rate_at_first = course.rate;
+    }
     const double more = system_.follow_first(-(value + dissipated(dy, change)) / rate);
     if (!std::isfinite(more)) {
       return false;

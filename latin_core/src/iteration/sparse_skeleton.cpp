@@ -184,7 +184,7 @@ void SparseSkeleton::factorise(const Matrix& tangent) {
   const SparseRows closed = algebra::sparse_of(entries, tangent.rows(), tangent.rows(), entries_of);
   const SparseRows joined = jumps_.transpose() * SparseRows(closed * jumps_);
   const SparseRows robin = traces_.transpose() * SparseRows(springs_.asDiagonal() * traces_);
-  for (held_ = least_held;; held_ *= stiffer) {
+  for (held_ = std::max(least_held, spring_);; held_ *= stiffer) {
     const SparseRows sum = joined + held_ * robin;
     const SparseRows lower = stiffness_ + SparseRows(sum.triangularView<Eigen::Lower>());
     try {
@@ -192,7 +192,7 @@ void SparseSkeleton::factorise(const Matrix& tangent) {
                                    "the structure of Newton's method");
       break;
     } catch (const NumericalError&) {
-      if (held_ > most_held) {
+      if (held_ > std::max(most_held, spring_)) {
         throw;
       }
     }
@@ -282,7 +282,7 @@ Skeleton::Start SparseSkeleton::begin(const Vector& unbalanced, Vector& /*jump*/
 
 Vector SparseSkeleton::imbalance(const Start& start, const Vector& /*y*/,
                                  const Vector& motion) const {
-  return start.loads + motion.tail(start.loads.size());
+  return start.loads + motion.tail(start.loads.size()) - sprung_rows(motion);
 }
 
 Vector SparseSkeleton::moved(const Vector& y, const Vector& motion) const {

@@ -228,8 +228,8 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
       make();
     }
     NewtonOutcome outcome = newton->solve(state, tolerance, most);
-    // what they have not solved may only be held by friction, or by nothing: a matter of the modes
-    if (!dense && outcome.solved < std::min(most, state.data.cols()) &&
+    // what they have not solved
+    if (!dense && !outcome.slides && outcome.solved < std::min(most, state.data.cols()) &&
         structure().has_flexibility() && substructure::Tangent::bearable(structure()) &&
         goes_on(outcome.steps)) {
       dense = true;

@@ -21,7 +21,7 @@ class DenseSkeleton : public Skeleton {
   [[nodiscard]] const Vector& own() const override { return own_; }
   [[nodiscard]] const Vector& areas() const override { return flexibility_.areas(); }
   [[nodiscard]] Index motions() const override { return flexibility_.modal_stiffness().size(); }
-  [[nodiscard]] Index modes() const override { return motions(); }
+  [[nodiscard]] bool moves() const override { return motions() > 0; }
   [[nodiscard]] Start begin(const Vector& unbalanced, Vector& jump) const override;
   [[nodiscard]] Vector imbalance(const Start& start, const Vector& y,
                                  const Vector& motion) const override;
@@ -36,7 +36,14 @@ class DenseSkeleton : public Skeleton {
     return imbalance.norm();
   }
   [[nodiscard]] bool loose(const Vector& motion, double force) const override;
-  void hold(double spring) override { tangent_system_.hold(spring); }
+  void hold(double spring) override {
+    spring_ = spring;
+    tangent_system_.hold(spring);
+  }
+  [[nodiscard]] double held(const Vector& motion) const override { return spring_ * motion.norm(); }
+  [[nodiscard]] Vector further(const Vector& motion, double ratio) const override {
+    return (ratio - 1.0) * motion;
+  }
   [[nodiscard]] Vector data(ConstVectorRef data, ConstVectorRef traces, const Start& start,
                             const Vector& force, const Vector& y,
                             const Vector& motion) const override;
@@ -47,7 +54,8 @@ class DenseSkeleton : public Skeleton {
   const substructure::Flexibility& flexibility_;
   Vector own_;     ///< flexibility at which the laws are asked
   Vector metric_;  ///< areas * own_
-  Matrix modes_;   ///< orthonormal basis of the jumps of the modes times the root of the metric
+  double spring_ = 0.0;
+  Matrix modes_;  ///< orthonormal basis of the jumps of the modes times the root of the metric
   TangentSystem tangent_system_;
 };
 

@@ -92,13 +92,21 @@ class Newton {
     Skeleton::Start start;  ///< change of that, and of the free jumps
     Vector jump;
     double load = 0.0;  ///< reached so far: 0 to 1
+    double rate_at_first =
+        0.0;            ///< change of it with what an increment dissipates, at its beginning
+    double rate = 0.0;  ///< and its end
   };
   /// Along the path on which bonds are damaged.
   [[nodiscard]] bool follow(const State& state, Column& column, double tolerance, Index& steps);
   [[nodiscard]] Course course_of(const State& state, Column& column);
-  [[nodiscard]] bool advance(Course& course, Column& column, double tolerance, Index& steps);
+  [[nodiscard]] double advance(Course& course, Column& column, double tolerance, Index& steps);
+  [[nodiscard]] Vector stiffness_of_bonds(Index index) const;
+  [[nodiscard]] Vector integrity(const Column& column) const;
+  [[nodiscard]] Vector tension(const Vector& opening) const;
+  [[nodiscard]] double damage(const Column& from, const Column& to) const;
   /// Without damage, as far as that goes.
   [[nodiscard]] bool go_elastic(Course& course, Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool go_straight(Course& course, Column& column, double tolerance, Index& steps);
   /// So much more dissipated.
   [[nodiscard]] bool dissipate(Course& course, Column& column, double amount, double tolerance,
                                Index& steps);
@@ -106,6 +114,7 @@ class Newton {
   [[nodiscard]] JoinedSystem::Memory after(const Column& column) const;
   [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool gone(const Column& column) const;
   [[nodiscard]] bool hangs(Column column, double load);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   void evaluate(Column& column);
@@ -136,7 +145,7 @@ class Newton {
   bool remembers_ = false;       ///< whether the way to an answer matters
   Vector softening_;             ///< areas of the unknowns of bonds, else 0
   double energy_ = 0.0;          ///< that the next increment of their path dissipates
-  double growth_ = 4.0;          ///< of that from one to the next, until one has failed
+  Vector intact_;                ///< stiffness of bonds that nothing has damaged, else 0
   double scale_ = 0.0;           ///< size of the forces
   std::function<bool(Index)> goes_on_;
   bool stopped_ = false;  ///< by that

@@ -32,8 +32,8 @@ class Skeleton {
   [[nodiscard]] virtual const Vector& areas() const = 0;
   /// Numbers of a motion.
   [[nodiscard]] virtual Index motions() const = 0;
-  /// Modes that nothing but springs would hold; 0: not known apart from the rest.
-  [[nodiscard]] virtual Index modes() const = 0;
+  /// Whether something may move that nothing but springs would hold.
+  [[nodiscard]] virtual bool moves() const = 0;
   /// From an iterate.
   /// @param unbalanced half of its residual, (rows)
   /// @param jump       w2 - w1 there, into what the answer makes of it
@@ -55,8 +55,12 @@ class Skeleton {
   [[nodiscard]] virtual double size_of_imbalance(const Vector& imbalance) const = 0;
   /// Whether what moves like that hangs on nothing: springs that are none would carry as much as this force.
   [[nodiscard]] virtual bool loose(const Vector& motion, double force) const = 0;
-  /// Hold the modes by springs, relative to the search direction.
+  /// Hold what may move where the column began, by springs relative to the search direction.
   virtual void hold(double spring) = 0;
+  /// What these springs carry, as size_of().
+  [[nodiscard]] virtual double held(const Vector& motion) const = 0;
+  /// The change of a motion if what hangs on springs alone goes so many times as far; empty: not known apart.
+  [[nodiscard]] virtual Vector further(const Vector& motion, double ratio) const = 0;
   /// The data of a column after changes of it.
   /// @param data, traces (rows) where it began  @param force all of it
   [[nodiscard]] virtual Vector data(ConstVectorRef data, ConstVectorRef traces, const Start& start,

@@ -37,7 +37,7 @@ class SparseSkeleton : public Skeleton {
   [[nodiscard]] const Vector& own() const override { return own_; }
   [[nodiscard]] const Vector& areas() const override { return areas_; }
   [[nodiscard]] Index motions() const override { return 2 * traces_.rows(); }
-  [[nodiscard]] Index modes() const override { return 0; }
+  [[nodiscard]] bool moves() const override { return true; }
   [[nodiscard]] Start begin(const Vector& unbalanced, Vector& jump) const override;
   [[nodiscard]] Vector imbalance(const Start& start, const Vector& y,
                                  const Vector& motion) const override;
@@ -48,7 +48,16 @@ class SparseSkeleton : public Skeleton {
   [[nodiscard]] double size_of(const Vector& force) const override;
   [[nodiscard]] double size_of_imbalance(const Vector& imbalance) const override;
   [[nodiscard]] bool loose(const Vector& motion, double force) const override;
-  void hold(double /*spring*/) override {}
+  void hold(double spring) override {
+    stale_ = stale_ || spring != spring_;
+    spring_ = spring;
+  }
+  [[nodiscard]] double held(const Vector& motion) const override {
+    return size_of_imbalance(sprung_rows(motion));
+  }
+  [[nodiscard]] Vector further(const Vector& /*motion*/, double /*ratio*/) const override {
+    return {};
+  }
   [[nodiscard]] Vector data(ConstVectorRef data, ConstVectorRef traces, const Start& start,
                             const Vector& force, const Vector& y,
                             const Vector& motion) const override;
@@ -74,6 +83,10 @@ class SparseSkeleton : public Skeleton {
     return std::sqrt(force.cwiseAbs2().dot(metric_));
   }
   [[nodiscard]] Vector sprung(const Vector& jump) const;
+  /// Forces of the springs that hold rows where the column began.
+  [[nodiscard]] Vector sprung_rows(const Vector& motion) const {
+    return spring_ * system_.directions().cwiseProduct(motion.head(traces_.rows()));
+  }
 
   const JoinedSystem& system_;
   SparseRows stiffness_;  ///< K, the lower triangle
@@ -86,8 +99,9 @@ class SparseSkeleton : public Skeleton {
   Vector diagonal_;  ///< of K where there are rows, else infinite
   Vector own_;
   Vector metric_;
-  Matrix d_;           ///< D of the factor, as slopes are given
-  double held_ = 0.0;  ///< springs that hold all rows, relative to the search direction
+  Matrix d_;             ///< D of the factor, as slopes are given
+  double held_ = 0.0;    ///< springs of the factor on all rows, relative to the search direction
+  double spring_ = 0.0;  ///< those that are meant
   bool exact_ = false;
   bool stale_ = true;  ///< whether the factor is to be made anew
   std::unique_ptr<algebra::Factor> factor_;
