@@ -406,22 +406,22 @@ _MEND = (
 )
 
 
-def _why_lost(
+def _check_loads(
     motions: FreeMotions,
     grips: Mapping[str, _Grip],
     work: Array,
     size: float,
     when: str,
     reached: Mapping[str, Array] | None = None,
-) -> str | None:
-    """Why nothing can balance the loads; None: that is not certain."""
+) -> None:
+    """Raise if nothing can balance the loads."""
     motion = _driven(work, grips, _CERTAIN * size, reached)
     if motion is None:
-        return None
+        return
     shown = _without_climb(grips, motion)
     who, how = _names(motions, shown)
     events = "; ".join(_events(grips, shown)) or "no interface holds it"
-    return (
+    raise BalanceError(
         f"no equilibrium{when}: {who} has lost its support: the loads move it by {how}, and no forces of "
         f"its interfaces balance them: {events}; {_MEND}"
     )
@@ -514,10 +514,9 @@ def check_support(result: Result) -> None:
     Warns
     -----
     SceneWarning
-        The same of a later step of a history, where the steps before have answers. Friction does not balance
-        the loads with the normal forces of a run that did not converge; or it converged, and a part without
-        loads touches nothing (of a static answer: presses on nothing); or it converged or stagnated, and a
-        part slips wherever only friction holds it.
+        Friction does not balance the loads with the normal forces of a run that did not converge; or it
+        converged, and a part without loads touches nothing (of a static answer: presses on nothing); or it
+        converged or stagnated, and a part slips wherever only friction holds it.
     """
     problem = result.problem
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
@@ -537,7 +536,7 @@ def check_support(result: Result) -> None:
             if name in problem.own.interfaces and problem.speaks_for(name)
         },
     )
-    _check_balance(result, steps, checks, answers)
+    _check_balance(problem, steps, checks, answers)
     if result.status == "diverged":
         return  # its forces mean nothing
     if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):
@@ -608,7 +607,7 @@ def check_balance(result: Result) -> None:
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
     if contacts:
         steps = _steps(problem, result.plan.times)
-        _check_balance(result, steps, _checks(problem, contacts, steps))
+        _check_balance(problem, steps, _checks(problem, contacts, steps))
 
 
 def acts(problem: Problem, interfaces: Collection[str], loads: Collection[object] = ()) -> bool:
@@ -716,7 +715,7 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
             now = _steps(at(point), times)
             loads.append({k: _loads(now[k][2], each.motions, now[k][1]) for k, each in checks.items()})
 
-    def check(point: int) -> str | None:
+    def check(point: int) -> None:
         for k, each in sorted(checks.items()):
             grips = {}
             for name, grip in each.balance.grips.items():
@@ -727,43 +726,34 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
             work, size = loads[point][k] if loads else (each.balance.work, each.balance.size)
             when = "" if times is None else f" at t = {times[k]:g}"
             reached = {name: of[point, k] for name, of in forces.items()}
-            lost = _why_lost(each.motions, grips, work, size, when, reached)
-            if lost is not None:
-                return lost
-        return None
+            _check_loads(each.motions, grips, work, size, when, reached)
 
     def found() -> dict[int, str]:
-        lost = ((point, check(point)) for point in range(count))
-        return {point: why for point, why in lost if why is not None}
+        lost = {}
+        for point in range(count):
+            try:
+                check(point)
+            except BalanceError as failure:
+                lost[point] = str(failure)
+        return lost
 
     return _decide(problem, found)
 
 
 def _check_balance(
-    result: Result,
+    problem: Problem,
     steps: Sequence[_Step],
     checks: Mapping[int, _Check],
     answers: Mapping[str, Sequence[_Reached]] | None = None,
 ) -> None:
-    """Of a history whose steps before have answers a warning is enough: its status says the same."""
-
-    def first_lost() -> tuple[int, str] | None:
+    def loads_are_balanced() -> None:
         for k, each in sorted(checks.items()):
-            now = each.balance
+            balance = each.balance
             forces = None if answers is None else {name: found[k].force for name, found in answers.items()}
-            lost = _why_lost(each.motions, now.grips, now.work, now.size, steps[k][0], forces)
-            if lost is not None:
-                return k, lost
-        return None
+            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0], forces)
 
-    lost = _decide(result.problem, first_lost) if checks else None
-    if lost is None:
-        return
-    step, why = lost
-    statuses = result.statuses
-    if step == 0 or statuses[step - 1 : step + 1] != ("converged", NO_EQUILIBRIUM):
-        raise BalanceError(why)
-    warn(why, SceneWarning)
+    if checks:
+        _decide(problem, loads_are_balanced)
 
 
 def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:
