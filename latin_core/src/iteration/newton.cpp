@@ -316,7 +316,7 @@ bool Newton::hangs(Column column, double load) {
     answers = skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_), column.phi,
                               imbalance(column), dy, dm);
   } catch (const NumericalError&) {
-    // the matrix is singular: nothing does
+    answers = false;  // the matrix is singular: nothing does
   }
   return system_.follow_first(answers && !skeleton_->loose(dm, load));
 }
