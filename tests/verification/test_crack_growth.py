@@ -85,7 +85,7 @@ def test_end_loaded_split() -> None:
 def test_a_strap_that_is_peeled_does_not_depend_on_the_steps(scale: float) -> None:
     """Brittle glue on a coarse mesh: the load rises and falls by some percent from point to point."""
     found = []
-    for steps in (1, 5):
+    for steps in (1, 5, 40):
         scene = lf.Scene()
         for name, y, height, young in (("plate", -4.0, 4.0, 70e3), ("strap", 0.0, 1.0, 3e3)):
             box = lf.geometry.box((20.0 * scale, height * scale), (20, 2), origin=(0.0, y * scale))
@@ -103,4 +103,22 @@ def test_a_strap_that_is_peeled_does_not_depend_on_the_steps(scale: float) -> No
         result = lf.solve(lf.assemble(scene), times=times, progress=False)
         assert result.converged
         found.append(result.table(step=steps - 1).value("force_y", "grip") * scale)
-    assert found == pytest.approx([found[0]] * 2, rel=1e-6)
+    assert found == pytest.approx([found[0]] * 3, rel=1e-6)
+
+
+@pytest.mark.parametrize("ratio", [1.5, 5.0, 100.0])
+@pytest.mark.parametrize("over", [501.0, 2000.0])
+def test_what_a_butt_joint_does_not_carry_is_said(ratio: float, over: float) -> None:
+    """Two bars of 100 mm2 under a uniform tension, strength 5 MPa: untouched at 490 N, torn off at 501 N."""
+    scene = lf.Scene()
+    for name, x in (("left", 0.0), ("right", 20.0)):
+        box = lf.geometry.box((20, 10, 10), (2, 2, 2), origin=(x, 0, 0))
+        scene.substructure(name, box, lf.LinearElastic(200e3, 0.0), degree=1)
+    scene.fix("left:x0")
+    law = lf.Debonding(normal=50.0, tangential=25.0, strength=5.0, opening=0.1 * ratio)
+    scene.interface("glue", "left:x1", "right:x0", law)
+    pull = lf.Amplitude([0, 1, 2, 3], [0, 2, 4.9, over / 100])
+    scene.traction("right:x1", pull * (1.0, 0, 0))
+    result = lf.solve(lf.assemble(scene), times=[1, 2, 3], progress=False)
+    assert result.statuses == ("converged", "converged", "no_equilibrium")
+    assert result.force("glue")[:2, 0, 0] == pytest.approx([2.0, 4.9], rel=1e-6)

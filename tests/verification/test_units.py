@@ -149,8 +149,7 @@ def test_units(name: str, active: str | None) -> None:
     for unit, (a, f) in UNITS.items():
         result = _answer(SCENES[name], a, f, active=active)
         assert result.status == "converged", unit
-        # a step of Newton's more or less, where a residual is rounding
-        assert abs(result.iterations - known.iterations) <= max(2, 0.1 * known.iterations), unit
+        assert abs(result.iterations - known.iterations) <= 2, unit
         assert _difference(result, known, a, f) < SAME, unit
 
 

@@ -152,7 +152,7 @@ void Debonding::resolve(PointValues jump, PointValues flexibility, const std::ar
   const DebondingPoint point(jump, flexibility, p, largest[0]);
   const double share = point.answer.share;
   if (point.answer.reached > point.law.first) {
-    largest[0] = point.answer.reached;
+    largest[0] = std::min(point.answer.reached, point.law.last);  // nothing grows after that
   }
   // every component from its own jump: no difference of close numbers
   const double normal_share = jump[0] > 0.0 ? share : 1.0;

@@ -26,8 +26,6 @@ constexpr int most_returns = 3;
 /// A step moves what hangs on nothing no further than so many times what the jumps, the gaps and the loads are large: it
 /// may touch something on the way.
 constexpr double farthest = 10.0;
-/// A residual that no step makes better is rounding if it is below this share of the forces.
-constexpr double rounding_of_forces = 1e-9;
 /// Forces that differ by less, relative to those of the history, are those of one answer.
 constexpr double same_answer = 1e-6;
 /// A column whose residual is below this share of the forces starts where it is.
@@ -60,6 +58,7 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool
   lengths_ = reach(system_.lengths());
   remembers_ = system_.laws().remembers_anywhere();
   softening_ = system_.softening().cwiseProduct(skeleton_->areas());
+  softens_ = system_.follow_first(softening_.size() > 0 && softening_.maxCoeff() > 0.0);
 }
 
 /// Jumps that the loads alone leave, where no interface pushes and nothing moves as a whole.
@@ -195,19 +194,17 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
 /// From the answer of the step before.
 bool Newton::march(const State& state, Column& column, double tolerance, Index& steps) {
   last_.slopes = system_.slopes(column.index, memory_, last_.jump, own_);
-  const Column start = column;
-  if (system_.follow_first((softening_.array() > 0.0).any())) {
-    if (follow(state, column, tolerance, steps)) {
-      return true;
-    }
+  if (softens_) {  // an equilibrium that is not on their path is no answer
+    return follow(state, column, tolerance, steps);
   }
+  const Column start = column;
   for (const Way way : {Way{&last_, false}, Way{&last_, true}, Way{nullptr, true}}) {
     column = start;
     if (attempt(column, tolerance, way, steps)) {
-      if (!gone(column)) {
+      if (!gone(column) || hangs(column, column.start.loads)) {
         return true;
       }
-      break;  // what holds it there may be rounding
+      break;  // rounding holds it there
     }
   }
   column = start;
@@ -233,6 +230,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
   skeleton_->exactly(way.searched);
   std::map<long, int> seen;
   double share = 0.0;
+  double before = 0.0;
   for (Index count = 0; count < most; ++count) {
     const double size = std::max(scale_, skeleton_->size_of(column.force()));
     if (count > 0 && share == 1.0 && column.norm <= tolerance * size) {
@@ -241,10 +239,14 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     if (!std::isfinite(column.norm)) {
       return false;
     }
+    if (share == 1.0 && column.norm <= rounding_of_forces * size && 2.0 * column.norm > before) {
+      return true;
+    }
     if (share == 1.0 && column.norm > 0.0 &&
         ++seen[std::lround(digits * std::log10(column.norm))] >= most_returns) {
-      return column.norm <= rounding_of_forces * size;
+      return false;
     }
+    before = column.norm;
     const bool predicted = count == 0 && way.predictor != nullptr;
     Matrix tangent;
     if (predicted) {
@@ -294,7 +296,8 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
     const double size = std::max(scale_, skeleton_->size_of(column.force()));
     if (found && gone(column) && spring < weak_spring && carried.back() > carries_nothing * size &&
         carried.back() > constant_share * carried[carried.size() - 2]) {
-      slides_ = !hangs(column, carried.back());
+      skeleton_->hold(0.0);
+      slides_ = !hangs(column, imbalance(column));
       break;
     }
   }
@@ -305,20 +308,19 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
           attempt(column, tolerance, {nullptr, true}, steps));
 }
 
-/// Whether something holds what so much pulls at, however soft it is: where the springs are taken away.
-bool Newton::hangs(Column column, double load) {
-  skeleton_->hold(0.0);
-  evaluate(column);
+/// Whether something holds what these loads pull at, however soft it is.
+bool Newton::hangs(const Column& column, const Vector& loads) {
   Vector dy;
   Vector dm;
   bool answers = false;
   try {
-    answers = skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_), column.phi,
-                              imbalance(column), dy, dm);
+    answers = skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_),
+                              Vector::Zero(own_.size()), loads, dy, dm);
   } catch (const NumericalError&) {
     answers = false;  // the matrix is singular: nothing does
   }
-  return system_.follow_first(answers && !skeleton_->loose(dm, load));
+  return system_.follow_first(answers &&
+                              !skeleton_->loose(dm, skeleton_->size_of_imbalance(loads)));
 }
 
 /// With springs on the modes, from where springs so many times as strong have left the column.

@@ -3,18 +3,17 @@
 #include <limits>
 #include <utility>
 
+#include "latin/common/error.hpp"
 #include "latin/iteration/newton.hpp"
 
 namespace latin::iteration {
 namespace {
 
-/// Steps of Newton's with the load as an unknown, and increments of a column.
+/// Steps of Newton's with the load as an unknown, and parts of the path of a column.
 constexpr Index most_corrections = 10;
-constexpr Index most_increments = 20000;
-constexpr Index most_elastic = 100;
+constexpr Index most_parts = 20000;
 /// An increment damages no more than one point that breaks, or this share of all that are damaged; what is meant of that,
 /// and what is little.
-constexpr double most_damaged = 1.0;
 constexpr double share_of_damaged = 0.05;
 constexpr double meant = 0.5;
 constexpr double little = 0.1;
@@ -27,9 +26,8 @@ constexpr double damaged_by = 1e-6;
 constexpr double least_share = 1e-6;
 /// Jumps are opened by this share to see what bonds at their threshold do when they are damaged.
 constexpr double onwards = 1e-6;
-/// A load is known to these digits.
+/// A load is known to this share of what is left.
 constexpr double of_load = 1e-12;
-constexpr double next_to_nothing = 1e-9;
 /// What is to be dissipated counts by this share beside the forces.
 constexpr double accuracy_of_amount = 1e-3;
 
@@ -66,22 +64,29 @@ Newton::Course Newton::course_of(const State& state, Column& column) {
 bool Newton::follow(const State& state, Column& column, double tolerance, Index& steps) {
   const JoinedSystem::Memory memory = memory_;
   Course course = course_of(state, column);
+  torn_ = false;
+  intact_ = stiffness_of_bonds(column.index);
   // where the loads of the step before are still on
-  if ((system_.follow_first(column.norm) <= tolerance * scale_ ||
-       attempt(column, tolerance, {&last_, false}, steps)) &&
-      go_elastic(course, column, tolerance, steps)) {
+  bool goes_on = column.norm <= rounding_of_forces * scale_ ||
+                 attempt(column, tolerance, {&last_, false}, steps);
+  double least = 0.0;
+  for (Index part = 0; part < most_parts && goes_on && course.load != 1.0; ++part) {
+    if (!at_strength(column)) {
+      goes_on = go_elastic(course, column, tolerance, steps);
+      continue;
+    }
     if (energy_ == 0.0) {
       energy_ = system_.follow_first(
-          0.5 * softening_.cwiseProduct(column.force())
-                    .cwiseProduct(column.jump - own_.cwiseProduct(column.force()))
-                    .maxCoeff());
+          0.5 * softening_.cwiseProduct(column.force()).cwiseProduct(opening(column)).maxCoeff());
     }
-    intact_ = stiffness_of_bonds(column.index);
-    const double least = least_share * energy_;
-    Index left = most_increments;
-    while (course.load != 1.0 && energy_ > least && left-- > 0 && !stopped_) {
-      energy_ *= advance(course, column, tolerance, steps);
-    }
+    least = std::max(least, least_share * energy_);
+    energy_ *= advance(course, column, tolerance, steps);
+    goes_on = energy_ > least && !stopped_;
+  }
+  if (torn_) {  // what has come off slides away, or comes to rest
+    load(course, column, 1.0 - course.load);
+    evaluate(column);
+    course.load = drift(column, tolerance, steps) ? 1.0 : 0.0;
   }
   const bool damaged = system_.damages(memory, memory_);
   memory_ = memory;
@@ -89,6 +94,18 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
   // what was damaged on the way is one step to the laws
   evaluate(column);
   return course.load == 1.0 && (!damaged || attempt(column, tolerance, {}, steps));
+}
+
+/// Free jumps if bonds open a little more.
+Vector Newton::opened_on(const Column& column) const {
+  return column.jump + onwards * softening_.cwiseSign().cwiseProduct(opening(column));
+}
+
+/// Whether that damages any.
+bool Newton::at_strength(const Column& column) const {
+  JoinedSystem::Memory memory = memory_;
+  system_.advance(column.index, memory, opened_on(column), own_);
+  return system_.damages(memory_, memory);
 }
 
 /// (unknowns) of bonds that nothing has damaged.
@@ -105,7 +122,7 @@ Vector Newton::stiffness_of_bonds(Index index) const {
 /// 1 - D of the points of bonds, in the first row of each; 1 elsewhere.
 Vector Newton::integrity(const Column& column) const {
   const Vector force = column.force();
-  const Vector jump = column.jump - own_.cwiseProduct(force);
+  const Vector jump = opening(column);
   Vector left = Vector::Ones(own_.size());
   for (Index row = 0; row < own_.size(); ++row) {
     const Index first = system_.layout().first[static_cast<std::size_t>(row)];
@@ -122,11 +139,9 @@ Vector Newton::integrity(const Column& column) const {
 /// Points that are damaged in an increment, relative to what may be.
 double Newton::damage(const Column& from, const Column& to) const {
   const Vector lost = (integrity(from) - integrity(to)).cwiseMax(0.0);
-  const auto opened = [this](const Column& at) -> Vector {
-    return softening_.cwiseProduct(at.jump - own_.cwiseProduct(at.force()));
-  };
+  const Vector before = softening_.cwiseProduct(opening(from));
   // bonds go on as they did: with the loads the other way round as much might be dissipated
-  if (system_.follow_first(opened(from).dot(opened(to))) < 0.0) {
+  if (system_.follow_first(before.dot(opening(to))) < 0.0) {
     return std::numeric_limits<double>::infinity();
   }
   const auto points = static_cast<double>((lost.array() > damaged_by).count());
@@ -147,7 +162,7 @@ double Newton::advance(Course& course, Column& column, double tolerance, Index& 
     const double fall = -on.rate;
     const bool near = rise > 0.0 && fall > 0.0 &&
                       fall * course.load + rise * (on.load + fall * energy_) >= rise + fall;
-    found = damaged < (near ? little : most_damaged);
+    found = damaged < (near ? little : 1.0);
     growth = std::min(largest_growth, damaged > 0.0 ? meant / damaged : largest_growth);
   }
   if (found && on.load > 1.0) {
@@ -172,30 +187,28 @@ double Newton::advance(Course& course, Column& column, double tolerance, Index& 
   return growth;
 }
 
-/// Contacts may open and close on the way: on until a point is at its strength.
+/// Until a point is at its strength, where contacts stay as they are.
+/// @return whether the load has grown
 bool Newton::go_elastic(Course& course, Column& column, double tolerance, Index& steps) {
-  for (Index count = 0; count < most_elastic && course.load != 1.0; ++count) {
-    const double before = course.load;
-    if (!go_straight(course, column, tolerance, steps)) {
-      return false;
-    }
-    if (course.load == before) {
-      break;
-    }
-  }
-  return true;
-}
-
-bool Newton::go_straight(Course& course, Column& column, double tolerance, Index& steps) {
   const Predictor unloading{column.force(), column.jump,
                             system_.slopes(column.index, memory_, column.jump, own_)};
   const double left = 1.0 - course.load;
   Vector dy;
   Vector dm;
-  if (stopped_ || !skeleton_->step(unloading.slopes,
-                                   times(unloading.slopes, system_.layout().first,
-                                         system_.layout().components, left * course.jump),
-                                   left * course.start.loads, dy, dm)) {
+  if (stopped_) {
+    return false;
+  }
+  try {
+    torn_ = !skeleton_->step(unloading.slopes,
+                             times(unloading.slopes, system_.layout().first,
+                                   system_.layout().components, left * course.jump),
+                             left * course.start.loads, dy, dm) ||
+            skeleton_->loose(dm, scale_);
+  } catch (const NumericalError&) {
+    torn_ = true;  // the matrix is singular
+  }
+  torn_ = system_.follow_first(torn_);
+  if (torn_) {
     return false;
   }
   ++steps;
@@ -220,7 +233,7 @@ bool Newton::go_straight(Course& course, Column& column, double tolerance, Index
     }
     share = low;
   }
-  for (; share > next_to_nothing; share *= smaller_by) {
+  for (; share > of_load; share *= smaller_by) {
     Column there = at(share);
     evaluate(there);
     if (attempt(there, tolerance, {}, steps)) {
@@ -230,14 +243,15 @@ bool Newton::go_straight(Course& course, Column& column, double tolerance, Index
       return true;
     }
   }
-  return true;
+  return false;
 }
 
 /// Areas of the unknowns of bonds, without normals under pressure: that damages nothing.
-Vector Newton::tension(const Vector& opening) const {
+Vector Newton::tension(const Column& column) const {
+  const Vector jump = opening(column);
   Vector areas = softening_;
   for (Index row = 0; row < areas.size(); ++row) {
-    if (system_.layout().first[static_cast<std::size_t>(row)] == row && opening(row) < 0.0) {
+    if (system_.layout().first[static_cast<std::size_t>(row)] == row && jump(row) < 0.0) {
       areas(row) = 0.0;
     }
   }
@@ -247,22 +261,19 @@ Vector Newton::tension(const Vector& opening) const {
 bool Newton::dissipate(Course& course, Column& column, double amount, double tolerance,
                        Index& steps) {
   const auto& layout = system_.layout();
-  const Vector opening = column.jump - own_.cwiseProduct(column.force());
-  const Vector pulled = tension(opening);
-  const Vector force = pulled.cwiseProduct(column.force());
-  const Vector jump = pulled.cwiseProduct(opening);
-  Vector counts = pulled;
+  Vector counts = tension(column);
+  const Vector force = counts.cwiseProduct(column.force());
+  const Vector jump = counts.cwiseProduct(opening(column));
   // half of f0 j - f j0: the energy that secants lose
   const auto dissipated = [&](const Vector& y, const Vector& free) {
     const Vector moved = free - own_.cwiseProduct(y);
     return 0.5 * (force.dot(counts.cwiseProduct(moved)) - jump.dot(counts.cwiseProduct(y)));
   };
   const double size = std::max(scale_, skeleton_->size_of(column.force()));
-  Matrix tangent =
-      system_.slopes(column.index, memory_,
-                     column.jump + onwards * softening_.cwiseSign().cwiseProduct(opening), own_);
+  Matrix tangent = system_.slopes(column.index, memory_, opened_on(column), own_);
   skeleton_->exactly(true);
   for (Index count = 0; count < most_corrections; ++count) {
+    counts = tension(column).cwiseSign();
     const double value = system_.follow_first(dissipated(column.force(), column.jump) - amount);
     if (count > 0) {
       if (!std::isfinite(column.norm)) {

@@ -27,7 +27,7 @@ namespace latin::interface {
 ///
 /// otherwise it throws: the search direction has to be larger.
 ///
-/// Memory: the largest lambda. Parameters: force / length^3, force / area, length, force / length.
+/// Memory: the largest lambda, lambda_f at most. Parameters: force / length^3, force / area, length, force / length.
 struct Debonding {
   static constexpr const char* name = "debonding";
   static constexpr std::array parameters{Parameter{"normal", 0.0}, Parameter{"tangential", 0.0},

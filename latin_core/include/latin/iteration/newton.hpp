@@ -53,6 +53,8 @@ class Newton {
   [[nodiscard]] const substructure::InterfaceSystem& system() const { return system_.own(); }
 
  private:
+  /// A residual that no step makes better is rounding if it is below this share of the forces.
+  static constexpr double rounding_of_forces = 1e-9;
   /// One column: where it starts, and what Newton changes.
   struct Column {
     Index index;
@@ -92,9 +94,9 @@ class Newton {
     Skeleton::Start start;  ///< change of that, and of the free jumps
     Vector jump;
     double load = 0.0;  ///< reached so far: 0 to 1
-    double rate_at_first =
-        0.0;            ///< change of it with what an increment dissipates, at its beginning
-    double rate = 0.0;  ///< and its end
+    /// Change of it with what an increment dissipates, at its beginning and its end.
+    double rate_at_first = 0.0;
+    double rate = 0.0;
   };
   /// Along the path on which bonds are damaged.
   [[nodiscard]] bool follow(const State& state, Column& column, double tolerance, Index& steps);
@@ -102,11 +104,15 @@ class Newton {
   [[nodiscard]] double advance(Course& course, Column& column, double tolerance, Index& steps);
   [[nodiscard]] Vector stiffness_of_bonds(Index index) const;
   [[nodiscard]] Vector integrity(const Column& column) const;
-  [[nodiscard]] Vector tension(const Vector& opening) const;
+  [[nodiscard]] Vector tension(const Column& column) const;
+  [[nodiscard]] Vector opening(const Column& column) const {
+    return column.jump - own_.cwiseProduct(column.force());
+  }
+  [[nodiscard]] Vector opened_on(const Column& column) const;
+  [[nodiscard]] bool at_strength(const Column& column) const;
   [[nodiscard]] double damage(const Column& from, const Column& to) const;
   /// Without damage, as far as that goes.
   [[nodiscard]] bool go_elastic(Course& course, Column& column, double tolerance, Index& steps);
-  [[nodiscard]] bool go_straight(Course& course, Column& column, double tolerance, Index& steps);
   /// So much more dissipated.
   [[nodiscard]] bool dissipate(Course& course, Column& column, double amount, double tolerance,
                                Index& steps);
@@ -115,7 +121,7 @@ class Newton {
   [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool gone(const Column& column) const;
-  [[nodiscard]] bool hangs(Column column, double load);
+  [[nodiscard]] bool hangs(const Column& column, const Vector& loads);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   void evaluate(Column& column);
   [[nodiscard]] Vector imbalance(const Column& column) const {
@@ -143,7 +149,9 @@ class Newton {
   JoinedSystem::Memory memory_;  ///< of the columns before
   Predictor last_;               ///< of the answer of the column before
   bool remembers_ = false;       ///< whether the way to an answer matters
-  Vector softening_;             ///< areas of the unknowns of bonds, else 0
+  bool softens_ = false;         ///< whether there are bonds
+  Vector softening_;             ///< areas of their unknowns, else 0
+  bool torn_ = false;            ///< whether the last path ended where nothing holds the parts
   double energy_ = 0.0;          ///< that the next increment of their path dissipates
   Vector intact_;                ///< stiffness of bonds that nothing has damaged, else 0
   double scale_ = 0.0;           ///< size of the forces
