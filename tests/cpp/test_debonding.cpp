@@ -152,7 +152,7 @@ TEST(DebondingLaw, KnowsItsSlopes) {
     Matrix left;
     Matrix before;
     force(jump, before);
-    ++branches[before(0, 0) > 0.5 ? 2 : before(0, 0) > memory(0, 0) ? 1 : 0];
+    ++branches[before(0, 0) >= 0.5 ? 2 : before(0, 0) > memory(0, 0) ? 1 : 0];
     for (int b = 0; b < 3; ++b) {
       const Vector step = h * Vector::Unit(3, b);
       const Vector difference = (force(jump + step, left) - force(jump - step, left)) / (2.0 * h);
