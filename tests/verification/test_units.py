@@ -149,7 +149,8 @@ def test_units(name: str, active: str | None) -> None:
     for unit, (a, f) in UNITS.items():
         result = _answer(SCENES[name], a, f, active=active)
         assert result.status == "converged", unit
-        assert abs(result.iterations - known.iterations) <= 2, unit
+        # a proposal of Newton's more, where the error of the last one is the tolerance but for rounding
+        assert abs(result.iterations - known.iterations) <= max(2, 0.2 * known.iterations), unit
         assert _difference(result, known, a, f) < SAME, unit
 
 

@@ -34,6 +34,8 @@ constexpr double close = 1e-2;
 constexpr double first_spring = 0.1;
 constexpr double weaker = 0.1;
 constexpr double last_spring = 1e-9;
+/// Springs that are no weak ones any more.
+constexpr double stiff = 1e3;
 /// Springs weaker than this that carry no less than this share of what they did when they were as much stronger hold
 /// what slides away; what they carry is rounding below that share of the forces.
 constexpr double weak_spring = 1e-4;
@@ -208,7 +210,11 @@ bool Newton::march(const State& state, Column& column, double tolerance, Index& 
     }
   }
   column = start;
-  return drift(column, tolerance, steps);
+  if (drift(column, tolerance, steps) || slides_) {
+    return !slides_;
+  }
+  column = start;
+  return in_parts(state, column, tolerance, steps);
 }
 
 void Newton::commit(State& state, const Column& column) {
@@ -242,7 +248,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     if (share == 1.0 && column.norm <= rounding_of_forces * size && 2.0 * column.norm > before) {
       return true;
     }
-    if (share == 1.0 && column.norm > 0.0 &&
+    if (column.norm > 0.0 &&
         ++seen[std::lround(digits * std::log10(column.norm))] >= most_returns) {
       return false;
     }
@@ -259,19 +265,43 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
       tangent = system_.slopes(column.index, memory_, column.jump, own_);
     }
     stopped_ = stopped_ || (goes_on_ && !goes_on_(steps));
-    Vector dy;
-    Vector dm;
-    if (stopped_ || !skeleton_->step(tangent, column.phi, imbalance(column), dy, dm)) {
+    Step step;
+    if (stopped_ || !skeleton_->step(tangent, column.phi, imbalance(column), step.dy, step.dm)) {
       return false;
     }
     ++steps;
-    const Vector change = skeleton_->moved(dy, dm);
-    const double moves = reach(change - own_.cwiseProduct(dy));
-    const bool flies = skeleton_->loose(dm, size) && far > 0.0 && moves > far;
-    share = system_.follow_first(flies ? far / moves : 1.0);
-    share = take(column, dy, dm, change, share, way.searched && !predicted);
+    step.change = skeleton_->moved(step.dy, step.dm);
+    const double moves = reach(step.change - own_.cwiseProduct(step.dy));
+    const bool flies =
+        system_.follow_first(far > 0.0 && moves > far && skeleton_->loose(step.dm, size));
+    share = flies ? step_on_springs(column, tangent, far, step, steps) : 1.0;
+    share = take(column, step, share, way.searched && !predicted);
   }
   return false;
+}
+
+/// A step in place of one that moves what nothing holds too far: with springs from here, as stiff as that needs.
+/// @return the share of it that goes no further than `far`
+double Newton::step_on_springs(const Column& column, const Matrix& tangent, double far, Step& step,
+                               Index& steps) {
+  const double held = spring_;
+  const Vector loads = imbalance(column);
+  const auto moves = [&] {
+    return system_.follow_first(reach(step.change - own_.cwiseProduct(step.dy)));
+  };
+  double further = moves() / far;
+  for (double spring = std::max(last_spring, held / weaker); further > 1.0 && spring < stiff;
+       spring *= std::max(1.0 / weaker, further)) {
+    skeleton_->hold(spring);
+    if (!skeleton_->step(tangent, column.phi, loads, step.dy, step.dm)) {
+      break;
+    }
+    ++steps;
+    step.change = skeleton_->moved(step.dy, step.dm);
+    further = moves() / far;
+  }
+  skeleton_->hold(held);
+  return 1.0 / std::max(1.0, further);
 }
 
 /// Whether it is further away than all that it could meet.
@@ -289,19 +319,19 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
   double before = 0.0;
   bool found = true;
   for (double spring = first_spring; found && spring >= last_spring; spring *= weaker) {
-    skeleton_->hold(spring);
+    hold(spring);
     found = settle(column, before > 0.0 ? before / spring : 1.0, tolerance, steps);
     before = spring;
     carried.push_back(system_.follow_first(skeleton_->held(column.motion)));
     const double size = std::max(scale_, skeleton_->size_of(column.force()));
     if (found && gone(column) && spring < weak_spring && carried.back() > carries_nothing * size &&
         carried.back() > constant_share * carried[carried.size() - 2]) {
-      skeleton_->hold(0.0);
+      hold(0.0);
       slides_ = !hangs(column, imbalance(column));
       break;
     }
   }
-  skeleton_->hold(0.0);
+  hold(0.0);
   evaluate(column);
   return found && !slides_ &&
          (attempt(column, tolerance, {}, steps) ||
@@ -348,14 +378,13 @@ bool Newton::settle(Column& column, double ratio, double tolerance, Index& steps
   return false;
 }
 
-double Newton::take(Column& column, const Vector& dy, const Vector& dm, const Vector& change,
-                    double share, bool searched) {
+double Newton::take(Column& column, const Step& step, double share, bool searched) {
   const Column from = column;
   const auto go = [&](double length) {
     column = from;
-    column.y += length * dy;
-    column.motion += length * dm;
-    column.jump += length * change;
+    column.y += length * step.dy;
+    column.motion += length * step.dm;
+    column.jump += length * step.change;
     evaluate(column);
   };
   if (!searched) {

@@ -26,6 +26,8 @@ constexpr double damaged_by = 1e-6;
 constexpr double least_share = 1e-6;
 /// Jumps are opened by this share to see what bonds at their threshold do when they are damaged.
 constexpr double onwards = 1e-6;
+/// The shortest part of a step of loads that is tried where the whole step is not followed.
+constexpr double shortest_part = 1.0 / 32.0;
 /// A load is known to this share of what is left.
 constexpr double of_load = 1e-12;
 /// What is to be dissipated counts by this share beside the forces.
@@ -59,6 +61,37 @@ Newton::Course Newton::course_of(const State& state, Column& column) {
   evaluate(column);
   return {{end.start.answer - column.start.answer, end.start.loads - column.start.loads},
           end.jump - column.jump};
+}
+
+/// With loads that grow from those of the step before, by as much as Newton's steps follow.
+bool Newton::in_parts(const State& state, Column& column, double tolerance, Index& steps) {
+  const JoinedSystem::Memory memory = memory_;
+  const Predictor last = last_;
+  Course course = course_of(state, column);
+  double length = 0.5;
+  bool grows = false;
+  while (course.load < 1.0 && length >= shortest_part && !stopped_) {
+    Column next = column;
+    Course on = course;
+    load(on, next, std::min(length, 1.0 - course.load));
+    evaluate(next);
+    last_.slopes = system_.slopes(column.index, memory_, last_.jump, own_);
+    const bool found = attempt(next, tolerance, {&last_, false}, steps);
+    if (found) {
+      course = on;
+      column = next;
+      memory_ = after(column);
+      last_ = {column.force(), column.jump, {}};
+    }
+    length *= !found ? smaller_by : grows ? 1.0 / smaller_by : 1.0;
+    grows = found;
+  }
+  memory_ = memory;
+  last_ = last;
+  // to the laws all that is one step
+  evaluate(column);
+  return course.load == 1.0 && (attempt(column, tolerance, {}, steps) ||
+                                attempt(column, tolerance, {nullptr, true}, steps));
 }
 
 bool Newton::follow(const State& state, Column& column, double tolerance, Index& steps) {

@@ -119,19 +119,30 @@ class Newton {
   static void load(Course& course, Column& column, double more);
   [[nodiscard]] JoinedSystem::Memory after(const Column& column) const;
   [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
+  [[nodiscard]] bool in_parts(const State& state, Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool gone(const Column& column) const;
   [[nodiscard]] bool hangs(const Column& column, const Vector& loads);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   void evaluate(Column& column);
+  void hold(double spring) {
+    spring_ = spring;
+    skeleton_->hold(spring);
+  }
   [[nodiscard]] Vector imbalance(const Column& column) const {
     return skeleton_->imbalance(column.start, column.y, column.motion);
   }
-  /// @param change of the free jumps with the whole step
+  /// Of Newton's: changes of the forces, of the motion beside them, and of the free jumps with both.
+  struct Step {
+    Vector dy;
+    Vector dm;
+    Vector change;
+  };
+  [[nodiscard]] double step_on_springs(const Column& column, const Matrix& tangent, double far,
+                                       Step& step, Index& steps);
   /// @param share  of the step, or less
   /// @return the share that was taken
-  double take(Column& column, const Vector& dy, const Vector& dm, const Vector& change,
-              double share, bool searched);
+  double take(Column& column, const Step& step, double share, bool searched);
   /// What has changed in a column, as data and traces.
   void commit(State& state, const Column& column);
   /// Traces of the data of one column.
@@ -154,6 +165,7 @@ class Newton {
   bool torn_ = false;            ///< whether the last path ended where nothing holds the parts
   double energy_ = 0.0;          ///< that the next increment of their path dissipates
   Vector intact_;                ///< stiffness of bonds that nothing has damaged, else 0
+  double spring_ = 0.0;          ///< that holds the modes, relative to the search direction
   double scale_ = 0.0;           ///< size of the forces
   std::function<bool(Index)> goes_on_;
   bool stopped_ = false;  ///< by that

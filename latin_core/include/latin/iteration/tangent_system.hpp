@@ -22,7 +22,7 @@ namespace latin::iteration {
 class TangentSystem {
  public:
   /// Share of the tangents that is taken: forces that the meshes do not determine get a unique, bounded change.
-  static constexpr double softened = 1.0 - 1e-5;
+  static constexpr double softened = 1.0 - 1e-8;
 
   /// @param shift (unknowns) of the free jumps with the forces at the same point: the flexibility at which the laws
   ///              are asked, and that of the search directions
