@@ -7,7 +7,7 @@ parameter sets, ``monte_carlo`` and its kin for points of the germs; ``errors`` 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack, overload
 
@@ -26,7 +26,7 @@ from dolfinx_frontend.common.checks import (
     is_real,
 )
 from dolfinx_frontend.common.describe import short
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
 from dolfinx_frontend.estimate.meshes import solve_scene
@@ -332,11 +332,11 @@ def solve(
             **settings,
         )
     if plan is not None:
-        return solve_once(problem, plan, start, callback, progress, errors)
+        return _solved(problem, plan, start, callback, progress)
     plan = make_plan(problem, method, vary=(), **settings)
     others = () if method == "latin" else _other_plans(problem, **settings)
     try:
-        return solve_once(problem, plan, start, callback, progress, errors, others)
+        return _solved(problem, plan, start, callback, progress, others)
     except NumericalError:
         # on several ranks the others may not have failed
         if start is not None or problem.comm is not None or len(plan.active) == len(problem.interfaces):
@@ -345,6 +345,25 @@ def solve(
         if kept is None:
             raise
         return kept
+
+
+def _solved(
+    problem: Problem,
+    plan: Plan,
+    start: Result | State | None,
+    callback: Callable[[Iteration], None] | None,
+    progress: bool,
+    others: Iterable[Plan] = (),
+) -> Result:
+    """Of a history that goes beyond what its joints carry: with the steps before."""
+    try:
+        return solve_once(problem, plan, start, callback, progress, errors, others)
+    except BalanceError as failure:
+        if failure.answer is None:
+            raise
+        warn(f"{failure}; the steps before it are answers", SceneWarning)
+        answer: Result = failure.answer
+        return answer
 
 
 def _with_all_kept(

@@ -19,7 +19,18 @@ class SceneError(ValueError):
 
 
 class BalanceError(SceneError):
-    """Loads that no forces of the interfaces balance, at the points that these have."""
+    """Loads that no forces of the interfaces balance, at the points that these have.
+
+    Attributes
+    ----------
+    step
+        Of a load history the first step with such loads, else 0.
+    answer
+        The result of a history of which earlier steps converged, else None.
+    """
+
+    step: int = 0
+    answer: Any = None
 
 
 class SceneWarning(UserWarning):

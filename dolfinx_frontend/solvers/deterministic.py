@@ -24,7 +24,7 @@ from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.loose import check_bolts
 from dolfinx_frontend.solvers.refinement import corrected
-from dolfinx_frontend.solvers.support import check_balance, check_support
+from dolfinx_frontend.solvers.support import Support, check_support
 
 __all__ = ["check_start", "solve_on", "solve_once", "start_states"]
 
@@ -59,15 +59,26 @@ def solve_once(
         given = carried(before.solver, before.state, solver)
     setup = perf_counter() - began
     check_start(given, solver, plan.columns)
-    result = _run(solver, plan, given, setup, callback, progress, estimator)
-    if result.status in _WORTH_ANOTHER and plan.active:
+    support = Support.of(problem, plan.times)
+    lost = support.lost()
+    if lost is not None and lost.step == 0:
+        raise lost
+    solvable = None if lost is None else lost.step
+    result = _run(solver, plan, given, setup, callback, progress, estimator, solvable)
+    if result.status in _WORTH_ANOTHER and plan.active and lost is None:
         result = _by_another(result, others, callback, progress)
     if not result.converged and problem.rank == 0:
         # logged as for the points of a sweep: the answer is there, with its estimated error
         _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
-    if result.status != "interrupted":  # which is returned, whatever it is
-        check_support(result)
-        check_bolts(result)
+    if result.status == "interrupted":  # which is returned, whatever it is
+        return result
+    if lost is None:
+        check_support(result, support)
+    elif result.statuses[0] == "converged" and result.statuses[lost.step] != "converged":
+        lost.answer = result
+    check_bolts(result)
+    if lost is not None:
+        raise lost
     return result
 
 
@@ -81,7 +92,6 @@ def _by_another(
     progress: bool,
 ) -> Result:
     """The first answer of other plans that converges, else the one there is."""
-    check_balance(first)
     spent = first.seconds
     for plan in others:
         began = perf_counter()
@@ -124,13 +134,14 @@ def _run(
     callback: Callable[[Iteration], None] | None,
     progress: bool,
     estimator: Estimator,
+    solvable: int | None = None,
 ) -> Result:
     began = perf_counter()
     laws = solver.laws
     options = plan.options
     if solver.space is not None:
         options = options.with_(rtol=(1.0 - SHARE) * options.rtol)
-    summary, state = solver.run(laws, options, plan.amplitudes, start, callback, progress)
+    summary, state = solver.run(laws, options, plan.amplitudes, start, callback, progress, solvable)
     cuts = solver.fields_of_cuts(laws, state)
     if plan.method != "direct":
         checked = None

@@ -52,7 +52,7 @@ from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.laws.contact import CURVED
 
-__all__ = ["acts", "check_balance", "check_support", "named_without_equilibrium"]
+__all__ = ["Support", "acts", "check_support", "named_without_equilibrium"]
 
 _CERTAIN = 1e-6
 """Fraction of the loads that must be out of balance for an error: more than rounding can cause."""
@@ -68,6 +68,9 @@ _CONVEX = 100.0
 
 _CLIMB = 1.5
 """A motion that opens no point by more than this, relative to friction times the largest slip, is a slip."""
+
+_KNOWN = 1e-3
+"""Share of a step to which the time of the last loads that are balanced is known."""
 
 _JAMMED = 1e-6
 """Cosine below which a force counts as perpendicular to a motion."""
@@ -406,22 +409,21 @@ _MEND = (
 )
 
 
-def _check_loads(
+def _why_lost(
     motions: FreeMotions,
-    grips: Mapping[str, _Grip],
-    work: Array,
-    size: float,
+    balance: _Balance,
     when: str,
     reached: Mapping[str, Array] | None = None,
-) -> None:
-    """Raise if nothing can balance the loads."""
-    motion = _driven(work, grips, _CERTAIN * size, reached)
+) -> str:
+    """What nothing can balance the loads of, in words, or nothing."""
+    grips = balance.grips
+    motion = _driven(balance.work, grips, _CERTAIN * balance.size, reached)
     if motion is None:
-        return
+        return ""
     shown = _without_climb(grips, motion)
     who, how = _names(motions, shown)
     events = "; ".join(_events(grips, shown)) or "no interface holds it"
-    raise BalanceError(
+    return (
         f"no equilibrium{when}: {who} has lost its support: the loads move it by {how}, and no forces of "
         f"its interfaces balance them: {events}; {_MEND}"
     )
@@ -498,18 +500,70 @@ def _check_undetermined(
     return True
 
 
-def check_support(result: Result) -> None:
+_Step = tuple[str, float | None, Problem]
+"""When it is in words, the time (None: there is no history), and the problem then."""
+
+
+@dataclass(frozen=True)
+class Support:
+    """What contacts have to hold, step by step, as far as it is known before a scene is solved."""
+
+    problem: Problem
+    contacts: list[str]
+    steps: Sequence[_Step]
+    checks: Mapping[int, _Check]
+
+    @classmethod
+    def of(cls, problem: Problem, times: Array | None) -> Support:
+        """Of a problem, at the times of its history (None: static)."""
+        contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
+        steps = _steps(problem, times) if contacts else ()
+        return cls(problem, contacts, steps, _checks(problem, contacts, steps) if contacts else {})
+
+    def lost(self) -> BalanceError | None:
+        """The first step at which no admissible forces of the interfaces balance the loads."""
+
+        def first() -> tuple[int, str] | None:
+            for k, each in sorted(self.checks.items()):
+                why = _why_lost(each.motions, each.balance, self.steps[k][0])
+                if why:
+                    return k, why
+            return None
+
+        found = _decide(self.problem, first) if self.checks else None
+        if found is None:
+            return None
+        step, why = found
+        failure = BalanceError(why + (f"; {self._until(step)}" if step else ""))
+        failure.step = step
+        return failure
+
+    def _until(self, lost: int) -> str:
+        """Between the step before and that one: when the loads are the last that something balances."""
+        known, beyond = (float(time) for _, time, _ in self.steps[lost - 1 : lost + 1] if time is not None)
+        last = _KNOWN * (beyond - known)
+        while beyond - known > last:
+            time = 0.5 * (known + beyond)
+            checks = _checks(self.problem, self.contacts, [("", time, self.problem.at(time))])
+            each = checks.get(0)
+            balanced = each is None or _decide(self.problem, partial(_balances, each))
+            known, beyond = (time, beyond) if balanced else (known, time)
+        return f"the last loads that they balance are those at t = {known:.4g}"
+
+
+def _balances(each: _Check) -> bool:
+    return _driven(each.balance.work, each.balance.grips, _CERTAIN * each.balance.size) is None
+
+
+def check_support(result: Result, support: Support) -> None:
     """Look for parts that have lost their support; call it once a run has ended, whatever its status.
 
     Parameters
     ----------
     result
         Of a deterministic solve; of a load history the first step that has something to say is named.
-
-    Raises
-    ------
-    BalanceError
-        No admissible forces of the interfaces balance the loads: there is no equilibrium.
+    support
+        Of its problem and times.
 
     Warns
     -----
@@ -518,12 +572,7 @@ def check_support(result: Result) -> None:
         converged, and a part without loads touches nothing (of a static answer: presses on nothing); or it
         converged or stagnated, and a part slips wherever only friction holds it.
     """
-    problem = result.problem
-    contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
-    if not contacts:
-        return
-    steps = _steps(problem, result.plan.times)
-    checks = _checks(problem, contacts, steps)
+    problem, contacts, steps, checks = support.problem, support.contacts, support.steps, support.checks
     if not checks:
         return
     if not result.converged:
@@ -536,7 +585,6 @@ def check_support(result: Result) -> None:
             if name in problem.own.interfaces and problem.speaks_for(name)
         },
     )
-    _check_balance(problem, steps, checks, answers)
     if result.status == "diverged":
         return  # its forces mean nothing
     if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):
@@ -556,10 +604,6 @@ def check_support(result: Result) -> None:
                 return
 
     _decide(problem, parts_are_held)
-
-
-_Step = tuple[str, float | None, Problem]
-"""When it is in words, the time (None: there is no history), and the problem then."""
 
 
 def _steps(problem: Problem, times: Array | None) -> list[_Step]:
@@ -593,21 +637,6 @@ def _checks(problem: Problem, contacts: list[str], steps: Sequence[_Step]) -> di
             balance = _Balance(_grips(now, jumps), *_loads(now, motions, time))
             checks[k] = _Check(motions, resistances, balance)
     return checks
-
-
-def check_balance(result: Result) -> None:
-    """Look for loads that nothing balances, whatever the answer.
-
-    Raises
-    ------
-    BalanceError
-        No admissible forces of the interfaces balance the loads: there is no equilibrium.
-    """
-    problem = result.problem
-    contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
-    if contacts:
-        steps = _steps(problem, result.plan.times)
-        _check_balance(problem, steps, _checks(problem, contacts, steps))
 
 
 def acts(problem: Problem, interfaces: Collection[str], loads: Collection[object] = ()) -> bool:
@@ -715,7 +744,7 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
             now = _steps(at(point), times)
             loads.append({k: _loads(now[k][2], each.motions, now[k][1]) for k, each in checks.items()})
 
-    def check(point: int) -> None:
+    def check(point: int) -> str:
         for k, each in sorted(checks.items()):
             grips = {}
             for name, grip in each.balance.grips.items():
@@ -726,34 +755,12 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
             work, size = loads[point][k] if loads else (each.balance.work, each.balance.size)
             when = "" if times is None else f" at t = {times[k]:g}"
             reached = {name: of[point, k] for name, of in forces.items()}
-            _check_loads(each.motions, grips, work, size, when, reached)
+            why = _why_lost(each.motions, _Balance(grips, work, size), when, reached)
+            if why:
+                return why
+        return ""
 
-    def found() -> dict[int, str]:
-        lost = {}
-        for point in range(count):
-            try:
-                check(point)
-            except BalanceError as failure:
-                lost[point] = str(failure)
-        return lost
-
-    return _decide(problem, found)
-
-
-def _check_balance(
-    problem: Problem,
-    steps: Sequence[_Step],
-    checks: Mapping[int, _Check],
-    answers: Mapping[str, Sequence[_Reached]] | None = None,
-) -> None:
-    def loads_are_balanced() -> None:
-        for k, each in sorted(checks.items()):
-            balance = each.balance
-            forces = None if answers is None else {name: found[k].force for name, found in answers.items()}
-            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0], forces)
-
-    if checks:
-        _decide(problem, loads_are_balanced)
+    return _decide(problem, lambda: {k: why for k in range(count) if (why := check(k))})
 
 
 def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:

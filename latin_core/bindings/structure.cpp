@@ -4,6 +4,7 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 
@@ -124,6 +125,9 @@ start
 callback
     Called with an :class:`Iteration` after each; what it raises ends the run, and StopIteration ends it with what
     is done so far.
+solvable
+    Columns of a history after which the next one is known to have no equilibrium: Newton's method ends there,
+    as ``"no_equilibrium"``. None: nothing is known.
 
 Returns
 -------
@@ -539,9 +543,11 @@ latin::iteration::Callback guarded(const py::object& callback) {
 }
 
 py::tuple solve(const Structure& structure, const Laws& laws, const py::object& options,
-                py::handle amplitudes, py::handle start, const py::object& callback) {
+                py::handle amplitudes, py::handle start, const py::object& callback,
+                std::optional<Index> solvable) {
   check_laws(structure, laws);
-  const latin::iteration::Options settings = to_options(options);
+  latin::iteration::Options settings = to_options(options);
+  settings.solvable = solvable.value_or(settings.solvable);
   const latin::Matrix factors = to_amplitudes(amplitudes, structure);
   const std::vector<py::object> held = to_items(start, "start");
   std::vector<const State*> snapshots;
@@ -673,7 +679,7 @@ void bind_facts(StructureClass& cls) {
 void bind_calls(StructureClass& cls) {
   cls.def("solve", &solve, "laws"_a, py::kw_only(), "options"_a = py::none(),
           "amplitudes"_a = py::none(), "start"_a = py::tuple(), "callback"_a = py::none(),
-          solve_doc)
+          "solvable"_a = py::none(), solve_doc)
       .def("sweep", &sweep, "laws"_a, py::kw_only(), "options"_a = py::none(),
            "amplitudes"_a = py::none(), "parameters"_a, "order"_a, "known"_a = py::tuple(),
            "known_points"_a = py::tuple(), "callback"_a = py::none(),

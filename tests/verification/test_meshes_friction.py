@@ -23,7 +23,7 @@ from dolfinx_frontend import (
     geometry,
     solve,
 )
-from dolfinx_frontend.common.errors import BalanceError
+from dolfinx_frontend.common.errors import BalanceError, SceneWarning
 from dolfinx_frontend.estimate import meshes
 
 WIDE, HIGH, MOVE = 30.0, 10.0, 0.01
@@ -135,8 +135,8 @@ def upright(push: float) -> Scene:
 
 
 def test_a_support_that_a_coarse_mesh_has_lost_is_looked_for_on_finer_ones():
-    with pytest.raises(BalanceError, match="no equilibrium"):
-        solve(assemble(upright(0.45)), times=[1.0, 2.0])
+    with pytest.warns(SceneWarning, match="no equilibrium at step 1"):
+        assert solve(assemble(upright(0.45)), times=[1.0, 2.0]).statuses == ("converged", "no_equilibrium")
     result = solve(upright(0.45), accuracy=0.2, quantity=JUMP, times=[1.0, 2.0], progress=False)
     assert result.converged and len(result.problem.interfaces["c"].points) > 5
 

@@ -50,15 +50,20 @@ bool gave_up(Status status) {
          status == Status::diverged;
 }
 
-/// Whether some law is nonlinear, so that a body may lose touch. Collective.
-bool may_fly(const Laws& laws) { return !laws.linear_everywhere(); }
-
 NewtonProposal::Solver newton_of(Stages& stages, const Options& options,
                                  std::function<bool(Index)> goes_on) {
   if (options.acceleration < 1 || options.newton < 1) {
     return {};
   }
-  return stages.newton(newton_accuracy * options.rtol, std::move(goes_on));
+  auto solver = stages.newton(newton_accuracy * options.rtol, std::move(goes_on));
+  if (!solver || options.solvable == Options().solvable) {
+    return solver;
+  }
+  return [solver, solvable = options.solvable](State& state, Index most) {
+    NewtonOutcome outcome = solver(state, std::min(most, solvable));
+    outcome.slides = outcome.slides || (outcome.solved == solvable && solvable < most);
+    return outcome;
+  };
 }
 
 }  // namespace
@@ -75,7 +80,7 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
           metric_of(structure_), amplitudes.cols(),
           (accelerates() ? options.acceleration : observing_depth) + static_cast<Index>(snapshots)),
       stepper_(stages_.fixed_point(), history_, options.relaxation,
-               may_fly(laws) ? longest_step : unknown_error),
+               laws.linear_everywhere() ? unknown_error : longest_step),
       error_(gauge_of(laws), structure_.rows(), amplitudes.cols(),
              !accelerates()                                            ? observing_depth
              : Verification::possible(laws) && !laws.scales_anywhere() ? 1
