@@ -122,8 +122,8 @@ def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
     if file.stem == "scatter_part_by_part":  # another equilibrium than the one that the loading leads to
         assert outcome in ("right", "wrong", "several"), what
     elif file.stem == "bolt_beside_contact":
-        # moduli of 1e-7 beside 118: the reference is 8e-5 off two answers that agree to 2.4e-7, and the errors said,
-        # 2e-6 and 6e-6, do not know how exactly bodies of such parts are factorised
+        # moduli of 1e-7 beside 118: the reference is 8e-5 off two answers that agree to 2.4e-7, and the
+        # errors said, 2e-6 and 6e-6, do not know how exactly bodies of such parts are factorised
         assert outcome in ("right", "wrong"), what
     elif file.stem.startswith("rounding_"):  # a pivot that is rounding is one, or is told as none
         assert outcome in ("right", "rounding") or "beyond rounding" in what, (outcome, what)
