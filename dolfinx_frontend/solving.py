@@ -361,7 +361,7 @@ def _solved(
     except BalanceError as failure:
         if failure.answer is None:
             raise
-        warn(f"{failure}; the steps before it are answers", SceneWarning)
+        warn(f"{failure}; result.statuses has the steps before it", SceneWarning)
         answer: Result = failure.answer
         return answer
 
