@@ -168,7 +168,7 @@ class Solver:
         start: Sequence[State] = (),
         callback: Callable[[Iteration], None] | None = None,
         progress: bool = True,
-        solvable: int | None = None,
+        balanced: Callable[[int], bool] | None = None,
     ) -> tuple[Summary, State]:
         """Iterate; Ctrl-C ends the run with what is done so far.
 
@@ -182,8 +182,8 @@ class Solver:
             Called after every iteration.
         progress
             A progress bar if on a terminal.
-        solvable
-            Columns of a history after which the next one is known to have no equilibrium.
+        balanced
+            Whether anything can balance the loads of a column; called where something flies.
         """
         if self.problem.comm is None:
             self.problem.check_unchanged()
@@ -206,7 +206,7 @@ class Solver:
                 amplitudes=amplitudes,
                 start=list(start),
                 callback=interrupt.watch(each),
-                solvable=solvable,
+                balanced=balanced,
             )
         seconds = perf_counter() - began
         text = "%s after %d iterations, estimated error %s, %.2f s"

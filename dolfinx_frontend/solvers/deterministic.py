@@ -14,7 +14,7 @@ from latin_core import Iteration, NumericalError, State
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.checks import check_kind
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import BalanceError, SceneError
 from dolfinx_frontend.kernel.carry import carried
 from dolfinx_frontend.kernel.fitting import SHARE, fitted
 from dolfinx_frontend.kernel.solver import Solver
@@ -59,26 +59,23 @@ def solve_once(
         given = carried(before.solver, before.state, solver)
     setup = perf_counter() - began
     check_start(given, solver, plan.columns)
-    support = Support.of(problem, plan.times)
-    lost = support.lost()
-    if lost is not None and lost.step == 0:
-        raise lost
-    solvable = None if lost is None else lost.step
-    result = _run(solver, plan, given, setup, callback, progress, estimator, solvable)
-    if result.status in _WORTH_ANOTHER and plan.active and lost is None:
+    support = Support(problem, plan.times)
+    result = _run(solver, plan, given, setup, callback, progress, estimator, support.balances)
+    if result.status in _WORTH_ANOTHER and plan.active and support.balances_all():
         result = _by_another(result, others, callback, progress)
     if not result.converged and problem.rank == 0:
         # logged as for the points of a sweep: the answer is there, with its estimated error
         _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
     if result.status == "interrupted":  # which is returned, whatever it is
         return result
-    if lost is None:
+    try:
         check_support(result, support)
-    elif result.statuses[0] == "converged" and result.statuses[lost.step] != "converged":
-        lost.answer = result
+    except BalanceError as lost:
+        if result.statuses[0] == "converged" and result.statuses[lost.step] != "converged":
+            lost.answer = result
+            check_bolts(result)
+        raise
     check_bolts(result)
-    if lost is not None:
-        raise lost
     return result
 
 
@@ -134,14 +131,14 @@ def _run(
     callback: Callable[[Iteration], None] | None,
     progress: bool,
     estimator: Estimator,
-    solvable: int | None = None,
+    balanced: Callable[[int], bool] | None = None,
 ) -> Result:
     began = perf_counter()
     laws = solver.laws
     options = plan.options
     if solver.space is not None:
         options = options.with_(rtol=(1.0 - SHARE) * options.rtol)
-    summary, state = solver.run(laws, options, plan.amplitudes, start, callback, progress, solvable)
+    summary, state = solver.run(laws, options, plan.amplitudes, start, callback, progress, balanced)
     cuts = solver.fields_of_cuts(laws, state)
     if plan.method != "direct":
         checked = None

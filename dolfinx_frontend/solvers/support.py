@@ -30,7 +30,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
@@ -504,39 +504,62 @@ _Step = tuple[str, float | None, Problem]
 """When it is in words, the time (None: there is no history), and the problem then."""
 
 
-@dataclass(frozen=True)
 class Support:
-    """What contacts have to hold, step by step, as far as it is known before a scene is solved."""
+    """What contacts have to hold, step by step; nothing is made before it is asked for.
 
-    problem: Problem
-    contacts: list[str]
-    steps: Sequence[_Step]
-    checks: Mapping[int, _Check]
+    Parameters
+    ----------
+    problem
+        With or without contacts.
+    times
+        Of its history; None: static.
+    """
 
-    @classmethod
-    def of(cls, problem: Problem, times: Array | None) -> Support:
-        """Of a problem, at the times of its history (None: static)."""
-        contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
-        steps = _steps(problem, times) if contacts else ()
-        return cls(problem, contacts, steps, _checks(problem, contacts, steps) if contacts else {})
+    def __init__(self, problem: Problem, times: Array | None) -> None:
+        self.problem = problem
+        self.times = times
+        self.contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
+        self._why: dict[int, str] = {}
 
-    def lost(self) -> BalanceError | None:
-        """The first step at which no admissible forces of the interfaces balance the loads."""
+    @cached_property
+    def steps(self) -> Sequence[_Step]:
+        """The times, and the problem then."""
+        return _steps(self.problem, self.times)
 
-        def first() -> tuple[int, str] | None:
-            for k, each in sorted(self.checks.items()):
-                why = _why_lost(each.motions, each.balance, self.steps[k][0])
-                if why:
-                    return k, why
-            return None
+    @cached_property
+    def checks(self) -> Mapping[int, _Check]:
+        """Steps at which parts are free but for contacts -> what balances their loads; collective."""
+        return _checks(self.problem, self.contacts, self.steps) if self.contacts else {}
 
-        found = _decide(self.problem, first) if self.checks else None
-        if found is None:
-            return None
-        step, why = found
-        failure = BalanceError(why + (f"; {self._until(step)}" if step else ""))
-        failure.step = step
-        return failure
+    def balances(self, step: int) -> bool:
+        """Whether admissible forces of the interfaces balance the loads of a step; collective."""
+        return not self.why_lost(step)
+
+    def balances_all(self) -> bool:
+        """The same of all steps."""
+        return all(self.balances(step) for step in self.checks)
+
+    def why_lost(self, step: int, reached: Mapping[str, Array] | None = None) -> str:
+        """Why nothing balances the loads of a step, or nothing; collective.
+
+        Forces reached at its interfaces, (m, components), make that quick where they balance them.
+        """
+        each = self.checks.get(step)
+        if each is None:
+            return ""
+        if step not in self._why:
+            work = partial(_why_lost, each.motions, each.balance, self.steps[step][0], reached)
+            self._why[step] = _decide(self.problem, work)
+        return self._why[step]
+
+    def check(self, reached: Mapping[int, Mapping[str, Array]]) -> None:
+        """Raise :class:`BalanceError` of the first step with loads that nothing balances; collective."""
+        for step in sorted(self.checks):
+            why = self.why_lost(step, reached[step])
+            if why:
+                failure = BalanceError(f"{why}; {self._until(step)}" if step else why)
+                failure.step = step
+                raise failure
 
     def _until(self, lost: int) -> str:
         """Between the step before and that one: when the loads are the last that something balances."""
@@ -544,15 +567,9 @@ class Support:
         last = _KNOWN * (beyond - known)
         while beyond - known > last:
             time = 0.5 * (known + beyond)
-            checks = _checks(self.problem, self.contacts, [("", time, self.problem.at(time))])
-            each = checks.get(0)
-            balanced = each is None or _decide(self.problem, partial(_balances, each))
+            balanced = Support(self.problem, np.array([time])).balances_all()
             known, beyond = (time, beyond) if balanced else (known, time)
         return f"the last loads that they balance are those at t = {known:.4g}"
-
-
-def _balances(each: _Check) -> bool:
-    return _driven(each.balance.work, each.balance.grips, _CERTAIN * each.balance.size) is None
 
 
 def check_support(result: Result, support: Support) -> None:
@@ -564,6 +581,11 @@ def check_support(result: Result, support: Support) -> None:
         Of a deterministic solve; of a load history the first step that has something to say is named.
     support
         Of its problem and times.
+
+    Raises
+    ------
+    BalanceError
+        No admissible forces of the interfaces balance the loads of a step.
 
     Warns
     -----
@@ -585,6 +607,7 @@ def check_support(result: Result, support: Support) -> None:
             if name in problem.own.interfaces and problem.speaks_for(name)
         },
     )
+    support.check({k: {name: found[k].force for name, found in answers.items()} for k in checks})
     if result.status == "diverged":
         return  # its forces mean nothing
     if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):

@@ -4,7 +4,6 @@
 
 #include <map>
 #include <memory>
-#include <optional>
 #include <set>
 #include <string>
 
@@ -125,9 +124,9 @@ start
 callback
     Called with an :class:`Iteration` after each; what it raises ends the run, and StopIteration ends it with what
     is done so far.
-solvable
-    Columns of a history after which the next one is known to have no equilibrium: Newton's method ends there,
-    as ``"no_equilibrium"``. None: nothing is known.
+balanced
+    Called with a column of a history in which something flies: whether anything can balance its loads. If not, the
+    run ends before that column, as ``"no_equilibrium"``. None: nothing is known.
 
 Returns
 -------
@@ -544,10 +543,9 @@ latin::iteration::Callback guarded(const py::object& callback) {
 
 py::tuple solve(const Structure& structure, const Laws& laws, const py::object& options,
                 py::handle amplitudes, py::handle start, const py::object& callback,
-                std::optional<Index> solvable) {
+                const py::object& balanced) {
   check_laws(structure, laws);
-  latin::iteration::Options settings = to_options(options);
-  settings.solvable = solvable.value_or(settings.solvable);
+  const latin::iteration::Options settings = to_options(options);
   const latin::Matrix factors = to_amplitudes(amplitudes, structure);
   const std::vector<py::object> held = to_items(start, "start");
   std::vector<const State*> snapshots;
@@ -557,11 +555,20 @@ py::tuple solve(const Structure& structure, const Laws& laws, const py::object& 
                 factors.cols());
   }
   const auto guard = guarded(callback);
+  check_callable(balanced, "balanced");
+  latin::iteration::Balanced can_balance;
+  if (!balanced.is_none()) {
+    can_balance = [&balanced](Index column) {
+      const py::gil_scoped_acquire gil;
+      return balanced(column).cast<bool>();
+    };
+  }
   State state;
   Summary summary;
   {
     const py::gil_scoped_release release;
-    summary = latin::iteration::solve(laws, settings, factors, state, snapshots, guard);
+    summary =
+        latin::iteration::solve(laws, settings, factors, state, snapshots, guard, {}, can_balance);
   }
   return py::make_tuple(std::move(summary), std::move(state));
 }
@@ -679,7 +686,7 @@ void bind_facts(StructureClass& cls) {
 void bind_calls(StructureClass& cls) {
   cls.def("solve", &solve, "laws"_a, py::kw_only(), "options"_a = py::none(),
           "amplitudes"_a = py::none(), "start"_a = py::tuple(), "callback"_a = py::none(),
-          "solvable"_a = py::none(), solve_doc)
+          "balanced"_a = py::none(), solve_doc)
       .def("sweep", &sweep, "laws"_a, py::kw_only(), "options"_a = py::none(),
            "amplitudes"_a = py::none(), "parameters"_a, "order"_a, "known"_a = py::tuple(),
            "known_points"_a = py::tuple(), "callback"_a = py::none(),

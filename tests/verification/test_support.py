@@ -178,16 +178,16 @@ def test_the_step_of_a_history_is_named() -> None:
 
 
 @pytest.mark.parametrize("over", [1.02, 2.0])
-def test_the_last_loads_that_friction_carries_are_known_before_a_run(over: float) -> None:
-    """Pressed by 5 MPa, then pulled to `over` times mu p; a step within the limit costs no more."""
+def test_the_last_loads_that_friction_carries_are_named(over: float) -> None:
+    """Pressed by 5 MPa, then pulled to `over` times mu p; a step within the limit costs no less than half."""
     scene = on_the_floor(Amplitude([0, 1, 2], [0, 1, 1]) * (0.0, 0.0, -5.0), Contact(friction=0.3))
     scene.traction("block:z1", Amplitude([1, 2], [0, over]) * (1.5, 0.0, 0.0), name="pull")
     problem = assemble(scene)
-    within = solve(problem, times=[1.0, 1.4])
+    within = solve(problem, times=[1.0, 1.4, 1.45])
     with pytest.warns(SceneWarning, match=f"the last loads.* at t = {1.0 + 1.0 / over:.4g};"):
         beyond = solve(problem, times=[1.0, 1.4, 2.0])
     assert beyond.statuses == ("converged", "converged", "no_equilibrium")
-    assert np.allclose(beyond.force("floor")[:2], within.force("floor"), rtol=0.0, atol=5e-6)
+    assert np.allclose(beyond.force("floor")[:2], within.force("floor")[:2], rtol=0.0, atol=5e-6)
     assert beyond.summary.newton_steps <= 2 * within.summary.newton_steps
 
 

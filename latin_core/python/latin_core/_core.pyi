@@ -263,7 +263,7 @@ class Structure:
         amplitudes: npt.ArrayLike | None = None,
         start: Sequence[State] = (),
         callback: Callable[[Iteration], object] | None = None,
-        solvable: int | None = None,
+        balanced: Callable[[int], bool] | None = None,
     ) -> tuple[Summary, State]: ...
     def sweep(
         self,

@@ -45,11 +45,12 @@ constexpr double carries_nothing = 1e-6;
 }  // namespace
 
 Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense,
-               std::function<bool(Index)> goes_on)
+               std::function<bool(Index)> goes_on, Balanced balanced)
     : amplitudes_(amplitudes),
       system_(global),
       memory_(system_.blank()),
-      goes_on_(std::move(goes_on)) {
+      goes_on_(std::move(goes_on)),
+      balanced_(std::move(balanced)) {
   if (dense) {
     skeleton_ = std::make_unique<DenseSkeleton>(system_);
   } else {
@@ -135,6 +136,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   NewtonOutcome outcome;
   const Index columns = std::min(most, state.data.cols());
   slides_ = false;
+  asked_ = -1;
   stopped_ = false;
   scale_ = size_of_forces(state.data, state.traces);
   memory_ = system_.blank();
@@ -208,8 +210,14 @@ bool Newton::march(const State& state, Column& column, double tolerance, Index& 
       }
       break;  // rounding holds it there
     }
+    if (slides_) {
+      break;
+    }
   }
   column = start;
+  if (lost(column)) {
+    return false;
+  }
   if (drift(column, tolerance, steps) || slides_) {
     return !slides_;
   }
@@ -274,6 +282,9 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     const double moves = reach(step.change - own_.cwiseProduct(step.dy));
     const bool flies =
         system_.follow_first(far > 0.0 && moves > far && skeleton_->loose(step.dm, size));
+    if (flies && lost(column)) {
+      return false;
+    }
     share = flies ? step_on_springs(column, tangent, far, step, steps) : 1.0;
     share = take(column, step, share, way.searched && !predicted);
   }
@@ -284,7 +295,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
 /// @return the share of it that goes no further than `far`
 double Newton::step_on_springs(const Column& column, const Matrix& tangent, double far, Step& step,
                                Index& steps) {
-  const double held = spring_;
+  const double held = skeleton_->hold(0.0);
   const Vector loads = imbalance(column);
   const auto moves = [&] {
     return system_.follow_first(reach(step.change - own_.cwiseProduct(step.dy)));
@@ -309,6 +320,15 @@ bool Newton::gone(const Column& column) const {
   return system_.follow_first(reach(column.jump) > std::max(far_, farthest * reach(last_.jump)));
 }
 
+/// Whether nothing can balance the loads of a column.
+bool Newton::lost(const Column& column) {
+  if (balanced_ && asked_ != column.index) {
+    asked_ = column.index;
+    slides_ = !balanced_(column.index);
+  }
+  return slides_;
+}
+
 /// The modes on springs that hold them where the column began, ever weaker: at an equilibrium they carry nothing in the
 /// end.
 bool Newton::drift(Column& column, double tolerance, Index& steps) {
@@ -319,19 +339,19 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
   double before = 0.0;
   bool found = true;
   for (double spring = first_spring; found && spring >= last_spring; spring *= weaker) {
-    hold(spring);
+    skeleton_->hold(spring);
     found = settle(column, before > 0.0 ? before / spring : 1.0, tolerance, steps);
     before = spring;
     carried.push_back(system_.follow_first(skeleton_->held(column.motion)));
     const double size = std::max(scale_, skeleton_->size_of(column.force()));
     if (found && gone(column) && spring < weak_spring && carried.back() > carries_nothing * size &&
         carried.back() > constant_share * carried[carried.size() - 2]) {
-      hold(0.0);
+      skeleton_->hold(0.0);
       slides_ = !hangs(column, imbalance(column));
       break;
     }
   }
-  hold(0.0);
+  skeleton_->hold(0.0);
   evaluate(column);
   return found && !slides_ &&
          (attempt(column, tolerance, {}, steps) ||

@@ -51,25 +51,18 @@ bool gave_up(Status status) {
 }
 
 NewtonProposal::Solver newton_of(Stages& stages, const Options& options,
-                                 std::function<bool(Index)> goes_on) {
+                                 std::function<bool(Index)> goes_on, const Balanced& balanced) {
   if (options.acceleration < 1 || options.newton < 1) {
     return {};
   }
-  auto solver = stages.newton(newton_accuracy * options.rtol, std::move(goes_on));
-  if (!solver || options.solvable == Options().solvable) {
-    return solver;
-  }
-  return [solver, solvable = options.solvable](State& state, Index most) {
-    NewtonOutcome outcome = solver(state, std::min(most, solvable));
-    outcome.slides = outcome.slides || (outcome.solved == solvable && solvable < most);
-    return outcome;
-  };
+  return stages.newton(newton_accuracy * options.rtol, std::move(goes_on), balanced);
 }
 
 }  // namespace
 
 Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, State& state,
-         std::size_t snapshots, const Callback& callback, std::shared_ptr<Linearisation> known)
+         std::size_t snapshots, const Callback& callback, std::shared_ptr<Linearisation> known,
+         const Balanced& balanced)
     : structure_(laws.structure()),
       options_(options),
       state_(state),
@@ -87,7 +80,8 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
                                                                        : own_steps,
              [this](double error) { return structure_.communicator().largest(error); }),
       newton_(history_.metric(),
-              newton_of(stages_, options, [this](Index steps) { return goes_on(steps); }),
+              newton_of(
+                  stages_, options, [this](Index steps) { return goes_on(steps); }, balanced),
               [this](const State& at, Matrix& residual) {
                 stages_.local(at.data, at.traces, residual);
               }),

@@ -12,7 +12,7 @@ namespace latin::iteration {
 
 Summary solve(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
               State& state, const std::vector<const State*>& snapshots, const Callback& callback,
-              const std::shared_ptr<Linearisation>& known) {
+              const std::shared_ptr<Linearisation>& known, const Balanced& balanced) {
   const substructure::Structure& structure = laws.structure();
   const SerialAlgebra serial;  // what pays is cut into pieces here, and sums do not depend on it
   const Index columns = amplitudes.cols();
@@ -47,7 +47,7 @@ Summary solve(const substructure::Laws& laws, const Options& options, const Matr
   if (known && !known->fits(laws)) {
     *known = Linearisation();
   }
-  Run run(laws, options, amplitudes, state, snapshots.size(), callback, known);
+  Run run(laws, options, amplitudes, state, snapshots.size(), callback, known, balanced);
   if (!snapshots.empty()) {
     if (structure.total_rows() > 0 && laws.scales_anywhere()) {
       // their traces are those with other factors of the stiffness

@@ -208,7 +208,8 @@ Measured Stages::measure(Iterate at, Anderson& history, bool& stop) {
   return measured;
 }
 
-NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index)> goes_on) {
+NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index)> goes_on,
+                                      Balanced balanced) {
   if (!substructure::InterfaceSystem::suits(laws())) {
     return {};
   }
@@ -217,12 +218,12 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
   if (!dense && !sparse) {
     return {};
   }
-  return [this, tolerance, dense, goes_on = std::move(goes_on), newton = std::shared_ptr<Newton>()](
-             State& state, Index most) mutable {
+  return [this, tolerance, dense, goes_on = std::move(goes_on), balanced = std::move(balanced),
+          newton = std::shared_ptr<Newton>()](State& state, Index most) mutable {
     double seconds = 0.0;
     const auto make = [&] {
       const Timed timed(seconds);
-      newton = std::make_shared<Newton>(global_, amplitudes_, dense, goes_on);
+      newton = std::make_shared<Newton>(global_, amplitudes_, dense, goes_on, balanced);
     };
     if (!newton) {
       make();

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <utility>
+
 #include "latin/iteration/joined_system.hpp"
 #include "latin/iteration/skeleton.hpp"
 #include "latin/iteration/tangent_system.hpp"
@@ -36,9 +38,9 @@ class DenseSkeleton : public Skeleton {
     return imbalance.norm();
   }
   [[nodiscard]] bool loose(const Vector& motion, double force) const override;
-  void hold(double spring) override {
-    spring_ = spring;
+  double hold(double spring) override {
     tangent_system_.hold(spring);
+    return std::exchange(spring_, spring);
   }
   [[nodiscard]] double held(const Vector& motion) const override { return spring_ * motion.norm(); }
   [[nodiscard]] Vector further(const Vector& motion, double ratio) const override {

@@ -8,6 +8,7 @@
 #include "latin/iteration/newton_proposal.hpp"
 #include "latin/iteration/skeleton.hpp"
 #include "latin/iteration/state.hpp"
+#include "latin/iteration/summary.hpp"
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/interface_system.hpp"
 
@@ -24,9 +25,10 @@ namespace latin::iteration {
 /// The columns of a history are solved in their order, each from the answer of the step before it under its own loads:
 /// the first iteration takes the laws linearised where that step has left them (what was closed sticks, what was open
 /// stays open, what was damaged unloads), and no step moves what nothing holds much further than the jumps are large. Where
-/// whole steps go in circles, steps are shortened by the residual, and at last the modes are held by springs that
-/// become ever weaker: where these end up carrying a constant share of the loads, however weak they are, something
-/// slides away. What none of these solves ends the march: the columns before it are answers.
+/// one would, it is asked whether anything balances the loads, and springs hold that motion. Where whole steps go in
+/// circles, steps are shortened by the residual; then the modes are held by springs that become ever weaker (where these
+/// end up carrying a constant share of the loads, however weak they are, something slides away); at last the loads are
+/// added in parts. What none of these solves ends the march: the columns before it are answers.
 ///
 /// Bonds that soften are followed along their path: elastic up to the load at which the first point is damaged, then by
 /// what is dissipated, with the load as one more unknown, through loads that fall, until the step's is reached.
@@ -39,8 +41,9 @@ class Newton {
   /// @param global stage of the run, amplitudes of its load patterns; they must outlive this object
   /// @param dense   by the dense flexibility of the interfaces, or with the whole bodies
   /// @param goes_on asked before every step with the number of those so far: whether to take it. Collective.
+  /// @param balanced asked at the first flight of a column: where nothing balances its loads, it slides away
   Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense = true,
-         std::function<bool(Index)> goes_on = {});
+         std::function<bool(Index)> goes_on = {}, Balanced balanced = {});
 
   /// Solve column after column, until one of them fails. Collective.
   /// @param state of the iterate; replaced in the columns that are solved
@@ -122,13 +125,10 @@ class Newton {
   [[nodiscard]] bool in_parts(const State& state, Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool gone(const Column& column) const;
+  [[nodiscard]] bool lost(const Column& column);
   [[nodiscard]] bool hangs(const Column& column, const Vector& loads);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   void evaluate(Column& column);
-  void hold(double spring) {
-    spring_ = spring;
-    skeleton_->hold(spring);
-  }
   [[nodiscard]] Vector imbalance(const Column& column) const {
     return skeleton_->imbalance(column.start, column.y, column.motion);
   }
@@ -165,11 +165,12 @@ class Newton {
   bool torn_ = false;            ///< whether the last path ended where nothing holds the parts
   double energy_ = 0.0;          ///< that the next increment of their path dissipates
   Vector intact_;                ///< stiffness of bonds that nothing has damaged, else 0
-  double spring_ = 0.0;          ///< that holds the modes, relative to the search direction
   double scale_ = 0.0;           ///< size of the forces
   std::function<bool(Index)> goes_on_;
   bool stopped_ = false;  ///< by that
-  bool slides_ = false;   ///< whether the last drift led away
+  Balanced balanced_;
+  Index asked_ = -1;      ///< column that this was asked of
+  bool slides_ = false;   ///< whether something of the column slides away
   double far_ = 0.0;      ///< reach of a step
   double lengths_ = 0.0;  ///< reach of the gaps and of what else the laws impose on the jumps
 };

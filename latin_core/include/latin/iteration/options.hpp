@@ -1,7 +1,5 @@
 #pragma once
 
-#include <limits>
-
 #include "latin/common/types.hpp"
 
 namespace latin::iteration {
@@ -24,8 +22,6 @@ struct Options {
   /// Global stages on the steps alone, in single precision; an iterate is only accepted with its traces in
   /// double precision.
   bool single_precision = false;
-  /// Columns of a history after which the next one is known to have no equilibrium: Newton's method ends there.
-  Index solvable = std::numeric_limits<Index>::max();
 
   /// @throws InputError naming the first that is out of range
   void check() const;

@@ -29,10 +29,10 @@ class Run {
  public:
   /// @param state     where it starts, and where the answer is left
   /// @param snapshots number of those that start_from() will be given
-  /// @param known     see solve()
+  /// @param known, balanced see solve()
   Run(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
       State& state, std::size_t snapshots, const Callback& callback,
-      std::shared_ptr<Linearisation> known = {});
+      std::shared_ptr<Linearisation> known = {}, const Balanced& balanced = {});
   Run(const Run&) = delete;
   Run(Run&&) = delete;
   Run& operator=(const Run&) = delete;

@@ -56,7 +56,8 @@ class Skeleton {
   /// Whether what moves like that hangs on nothing: springs that are none would carry as much as this force.
   [[nodiscard]] virtual bool loose(const Vector& motion, double force) const = 0;
   /// Hold what may move where the column began, by springs relative to the search direction.
-  virtual void hold(double spring) = 0;
+  /// @return those that did before
+  virtual double hold(double spring) = 0;
   /// What these springs carry, as size_of().
   [[nodiscard]] virtual double held(const Vector& motion) const = 0;
   /// The change of a motion if what hangs on springs alone goes so many times as far; empty: not known apart.

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "latin/algebra/factor.hpp"
@@ -48,9 +49,9 @@ class SparseSkeleton : public Skeleton {
   [[nodiscard]] double size_of(const Vector& force) const override;
   [[nodiscard]] double size_of_imbalance(const Vector& imbalance) const override;
   [[nodiscard]] bool loose(const Vector& motion, double force) const override;
-  void hold(double spring) override {
+  double hold(double spring) override {
     stale_ = stale_ || spring != spring_;
-    spring_ = spring;
+    return std::exchange(spring_, spring);
   }
   [[nodiscard]] double held(const Vector& motion) const override {
     return size_of_imbalance(sprung_rows(motion));

@@ -10,6 +10,7 @@
 #include "latin/iteration/metric.hpp"
 #include "latin/iteration/newton_proposal.hpp"
 #include "latin/iteration/step.hpp"
+#include "latin/iteration/summary.hpp"
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/local_stage.hpp"
 
@@ -103,9 +104,10 @@ class Stages {
   [[nodiscard]] double strain(const State& state);
   /// Newton's method on the same stages; what it needs is made when first asked for. It refers to this object.
   /// @param tolerance on the forces, relative to the largest column of them
-  /// @param goes_on   see Newton
+  /// @param goes_on, balanced see Newton
   /// @return empty where it is not possible, or of no use
-  [[nodiscard]] NewtonProposal::Solver newton(double tolerance, std::function<bool(Index)> goes_on);
+  [[nodiscard]] NewtonProposal::Solver newton(double tolerance, std::function<bool(Index)> goes_on,
+                                              Balanced balanced);
 
   /// Global stages so far.
   [[nodiscard]] Index count() const { return count_; }

@@ -40,6 +40,9 @@ class Interrupted : public std::exception {
 /// Called after every iteration; may throw to end the run.
 using Callback = std::function<void(const Iteration&)>;
 
+/// Whether anything can balance the loads of a column. Collective; asked where something flies, once a column.
+using Balanced = std::function<bool(Index)>;
+
 /// What a run did.
 struct Summary {
   Status status = Status::max_iterations;
