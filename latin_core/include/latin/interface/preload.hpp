@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 
 #include "latin/interface/pointwise.hpp"
@@ -35,6 +36,15 @@ struct Preload {
     }
     for (std::size_t a = 1; a < jump.size(); ++a) {
       force[a] = jump[a] / flexibility[a];
+    }
+  }
+  static void slopes(PointValues jump, PointValues flexibility, const std::array<double, 4>& p,
+                     const std::array<double, 1>& /*length*/, PointForce slope) {
+    const auto [given, locked, slack, compliance] = p;
+    std::ranges::fill(slope, 0.0);
+    slope[0] = locked > 0.0 ? 1.0 / (flexibility[0] + compliance) : 0.0;
+    for (std::size_t a = 1; a < jump.size(); ++a) {
+      slope[a * (jump.size() + 1)] = 1.0 / flexibility[a];
     }
   }
 };
