@@ -146,6 +146,7 @@ def design_point(
     normals = np.zeros((len(which), len(u)))
     kept: list[tuple[Array, Array, Array]] = []  # of points beyond a kink: values, slopes, where
     converged = False
+    near = np.inf, u, active, normals  # of the steps that begin on the limit, the shortest
     for steps in range(1, MOST_STEPS + 1):
         slopes = limit.slopes(u)[which]
         lengths = np.linalg.norm(slopes, axis=1)
@@ -179,6 +180,8 @@ def design_point(
         if length <= CLOSE * max(1.0, float(np.linalg.norm(u))) and values.max() <= CLOSE:
             converged = True
             break
+        if length < near[0] and np.abs(values[active]).max(initial=0.0) <= CLOSE:
+            near = length, u, active, normals
         penalty = max(penalty, 2.0 * float(np.linalg.norm(u)) + 10.0)
 
         def merit(v: Array, g: Array, scale: Array = scale, penalty: float = penalty) -> float:
@@ -208,6 +211,10 @@ def design_point(
             kept.append((there / size, other / size[:, None], beyond))
             continue
         u, margins = trial, found
+    if not converged and near[0] <= np.sqrt(CLOSE) * np.linalg.norm(near[1]):
+        # slopes at a kink are no better, but the distance is right to the square of the step
+        converged, (_, u, active, normals) = True, near
+        margins = limit.margins(u[None])[0, which]
     beta = float(np.linalg.norm(u))
     if not converged and np.all(margins <= CLOSE * np.maximum(np.linalg.norm(normals, axis=1), 1.0)):
         active = np.ones(len(which), dtype=bool)

@@ -141,6 +141,22 @@ def test_a_search_does_not_cycle_at_a_kink() -> None:
     assert corner.u == pytest.approx([2.0, 2.0], abs=1e-3)
 
 
+class Rounded(Plain):
+    """A limit on which rounding turns the slopes, as where some points of a face touch and some do not."""
+
+    drawn = np.random.default_rng(4)
+
+    def slopes(self, u: Array) -> Array:
+        near = np.abs(self.margins(u[None])).max() < 0.1
+        return super().slopes(u) + near * self.drawn.normal(0.0, 0.003, (1, len(u)))
+
+
+def test_slopes_that_rounding_turns_on_the_limit() -> None:
+    point = found_point(Rounded(5, lambda u: _kinked(4.0 - u.sum(axis=1) / math.sqrt(5.0))), (0,))
+    assert point.converged
+    assert point.beta == pytest.approx(4.0, rel=1e-4)  # to first order the turn does not matter
+
+
 def test_an_intersection_is_held_by_several_conditions() -> None:
     limit = PLANE["three of three"]
     point = found_point(limit, (0, 1, 2))
