@@ -415,8 +415,8 @@ def test_a_preload_is_locked_after_its_time() -> None:
         assert result.converged
         # once it is locked, the bars take 0.001 mm over 40 mm: 5 MPa more
         expected = np.array([3.0, 3.0, 5.5, 8.0])
-        # of forces that move nothing rounding leaves 8 eps over the share of the tangents that is left out, 1e-8
-        assert np.allclose(result.force("joint")[..., 0], expected[:, None], rtol=0.0, atol=2e-7)
+        # of pressures that move nothing rounding leaves 8 eps over the softening of the preconditioner, 1e-5
+        assert np.allclose(result.force("joint")[..., 0], expected[:, None], rtol=0.0, atol=1e-8)
         assert np.allclose(result.jump("joint")[..., 0], -3.0 * LENGTH / E, atol=1e-12)
         weights = problem.interfaces["joint"].weights
         assert abs(weights @ result.force("joint")[1, :, 0] - 300.0) < 1e-8

@@ -15,14 +15,15 @@ namespace {
 constexpr double same_tangent = 1e-6;
 constexpr double factor_with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
 constexpr double modal = factor_with_mu / (1.0 + substructure::Flexibility::mu);
-constexpr double softening = 1.0 - TangentSystem::softened;
+/// Share of the tangents that the LU leaves out.
+constexpr double softening = 1e-5;
 /// Unknowns of the closed zone for each product that costs as much as one of these in the factorisation: n^2 numbers
 /// read twice against 2/3 n^3 operations in blocks.
 constexpr Index unknowns_per_product = 60;
+constexpr Index least_products = 3;
 constexpr Index most_products = 60;
-/// Residual of a step from GMRES, and of its correction for the softening.
+/// Residual of a step.
 constexpr double krylov_tolerance = 1e-6;
-constexpr double correction_tolerance = 1e-2;
 /// Columns of the system that are filled together.
 constexpr Index columns_of_piece = 128;
 
@@ -56,32 +57,25 @@ Vector TangentSystem::apply(const Matrix& tangent, const Vector& x) const {
   const auto z = x.head(tangent.rows());
   const auto a = x.tail(modes());
   Vector result(x.size());
-  result << z - (1.0 - softening) * times(tangent, moved(z, a)),
+  result << z - times(tangent, moved(z, a)),
       modal_stiffness_.cwiseProduct(a) -
           flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(z);
   return result;
 }
 
 Vector TangentSystem::solve(const Matrix& tangent, const Vector& right) {
-  const Index n = tangent.rows();
-  // forces that move nothing were divided by the softening alone, rounding and all: with K the system
-  // without it, K_eps^-1 K leaves them out and everything else as it is
-  const auto by_softening = [&](const Vector& x) {
-    Vector change = Vector::Zero(right.size());
-    change.head(n) = -softening * times(tangent, moved(x.head(n), x.tail(modes())));
-    return change;
-  };
   Vector answer;
   if (!fits(tangent)) {
-    Vector correction;
-    if (approach(tangent, right, krylov_tolerance, answer) &&
-        approach(tangent, by_softening(answer), correction_tolerance, correction)) {
-      return answer + correction;
+    const auto closed = static_cast<Index>((tangent.array() != 0.0).rowwise().any().count());
+    const Index affordable = std::min(closed / unknowns_per_product, most_products);
+    if (tangent_.size() == tangent.size() && affordable >= least_products &&
+        approach(tangent, right, affordable, answer)) {
+      return answer;
     }
     factorise(tangent);
   }
-  answer = solve_factorised(right);
-  return rows_.empty() ? answer : solve_factorised(right + by_softening(answer));
+  static_cast<void>(approach(tangent, right, most_products, answer));
+  return answer;
 }
 
 bool TangentSystem::fits(const Matrix& tangent) const {
@@ -92,16 +86,11 @@ bool TangentSystem::fits(const Matrix& tangent) const {
          largest(tangent_ - tangent) <= same_tangent * largest(tangent);
 }
 
-bool TangentSystem::approach(const Matrix& tangent, const Vector& right, double tolerance,
+bool TangentSystem::approach(const Matrix& tangent, const Vector& right, Index most,
                              Vector& answer) {
-  const auto closed = static_cast<Index>((tangent.array() != 0.0).rowwise().any().count());
-  const Index affordable = std::min(closed / unknowns_per_product, most_products);
-  if (tangent_.size() != tangent.size() || affordable < 3) {
-    return false;
-  }
   const KrylovOutcome outcome = gmres([&](const Vector& x) { return apply(tangent, x); },
                                       [&](const Vector& x) { return solve_factorised(x); }, right,
-                                      answer, tolerance, affordable);
+                                      answer, krylov_tolerance, most);
   products_ += outcome.products;
   return outcome.solved;
 }

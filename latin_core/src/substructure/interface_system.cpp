@@ -10,10 +10,10 @@
 namespace latin::substructure {
 namespace {
 
-/// Steps of the difference quotients, as shares of the free jump. The shortest seldom crosses a
-/// branch of the law, the longest has no rounding: a longer one is taken where it agrees with the one before it to
-/// `same_slope` (in 1 / flexibility), as most laws are linear within a branch.
-constexpr std::array<double, 3> differences{1e-7, 1e-3, 1.0};
+/// Steps of the difference quotients, as shares of the free jump. The short one seldom crosses a
+/// branch of the law, the long one has no rounding to speak of and is taken where both agree to
+/// `same_slope` (in 1 / flexibility): within a branch most laws are linear.
+constexpr std::array<double, 2> differences{1e-7, 1e-3};
 constexpr double same_slope = 1e-7;
 /// Jumps of a point below this fraction of the largest are rounding to the difference quotients.
 constexpr double least_jump = 1e-3;

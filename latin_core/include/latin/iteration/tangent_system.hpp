@@ -14,16 +14,14 @@ namespace latin::iteration {
 /// With the tangent T of the laws, the change of the free jumps m(z, a) that changes z of the forces and a of the
 /// amplitudes of the modes bring, theta and J the stiffness and the jumps of the modes, W the areas:
 ///
-///     z - (1 - softening) T m(z, a) = right of the forces,      theta a - J^T W z = right of the modes.
+///     z - T m(z, a) = right of the forces,      theta a - J^T W z = right of the modes.
 ///
-/// Only rows with a tangent other than zero (the closed zone) are coupled. One LU of that zone is kept. A later system
-/// with a tangent close to that is solved by GMRES with the LU as preconditioner: a row that changed costs one product at
-/// most. Where that does not pay the LU is made anew.
+/// Only rows with a tangent other than zero (the closed zone) are coupled. One LU of that zone is kept, of a tangent that
+/// is softened a little: forces that the meshes do not determine get no change but for rounding. It is the preconditioner
+/// of GMRES with the tangent itself, and with later ones: a row that changed costs one product at most. Where that does
+/// not pay the LU is made anew.
 class TangentSystem {
  public:
-  /// Share of the tangents that is taken: forces that the meshes do not determine get a unique, bounded change.
-  static constexpr double softened = 1.0 - 1e-8;
-
   /// @param shift (unknowns) of the free jumps with the forces at the same point: the flexibility at which the laws
   ///              are asked, and that of the search directions
   TangentSystem(const substructure::Flexibility& flexibility,
@@ -56,7 +54,7 @@ class TangentSystem {
   void factorise(const Matrix& tangent);
   [[nodiscard]] bool fits(const Matrix& tangent) const;
   /// GMRES with the LU as it is. @return whether that was possible
-  [[nodiscard]] bool approach(const Matrix& tangent, const Vector& right, double tolerance,
+  [[nodiscard]] bool approach(const Matrix& tangent, const Vector& right, Index most,
                               Vector& answer);
   [[nodiscard]] Vector apply(const Matrix& tangent, const Vector& x) const;
   [[nodiscard]] Vector solve_factorised(const Vector& right) const;
