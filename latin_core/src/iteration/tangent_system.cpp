@@ -34,7 +34,11 @@ TangentSystem::TangentSystem(const substructure::Flexibility& flexibility,
     : flexibility_(flexibility),
       layout_(layout),
       shift_(std::move(shift)),
-      modal_stiffness_(flexibility.modal_stiffness()) {}
+      modal_stiffness_(flexibility.modal_stiffness()),
+      energies_(Vector::Ones(shift_.size() + modal_stiffness_.size())) {
+  energies_.head(shift_.size()) =
+      flexibility.areas().cwiseProduct(shift_ - flexibility.direct()).cwiseSqrt();
+}
 
 void TangentSystem::hold(double spring) {
   modal_stiffness_ = flexibility_.modal_stiffness().array() + spring;
@@ -88,9 +92,11 @@ bool TangentSystem::fits(const Matrix& tangent) const {
 
 bool TangentSystem::approach(const Matrix& tangent, const Vector& right, Index most,
                              Vector& answer) {
-  const KrylovOutcome outcome = gmres([&](const Vector& x) { return apply(tangent, x); },
-                                      [&](const Vector& x) { return solve_factorised(x); }, right,
-                                      answer, krylov_tolerance, most);
+  // forces and amplitudes in units of the root of an energy
+  const KrylovOutcome outcome =
+      gmres([&](const Vector& x) { return Vector(energies_.cwiseProduct(apply(tangent, x))); },
+            [&](const Vector& x) { return solve_factorised(x.cwiseQuotient(energies_)); },
+            energies_.cwiseProduct(right), answer, krylov_tolerance, most);
   products_ += outcome.products;
   return outcome.solved;
 }

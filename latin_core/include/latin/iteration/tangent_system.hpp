@@ -63,6 +63,7 @@ class TangentSystem {
   const substructure::InterfaceSystem::Layout& layout_;
   Vector shift_;
   Vector modal_stiffness_;
+  Vector energies_;          ///< roots of those of unit forces at the points, and 1 for the modes
   std::vector<Index> rows_;  ///< of the closed zone
   Matrix tangent_;
   algebra::DenseLU lu_;  ///< of the transposed system
