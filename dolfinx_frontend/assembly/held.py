@@ -14,9 +14,10 @@ from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import Resistance, check_resistances, resistance
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array, Flags
-from dolfinx_frontend.scene.laws import Elimination, Rigid
+from dolfinx_frontend.common.errors import SceneWarning, warn
+from dolfinx_frontend.scene.laws import Contact, Elimination, Preload, Rigid
 
-__all__ = ["axis_resistances", "check_held", "held", "resistance_of"]
+__all__ = ["axis_resistances", "check_determined", "check_held", "held", "resistance_of"]
 
 
 def held(problem: Problem, interface: Interface, where: Flags | Array | None = None) -> Resistance:
@@ -63,6 +64,41 @@ def check_held(problem: Problem) -> None:
     check_resistances(
         {name: (part.centre, part.length) for name, part in problem.parts.items()},
         [*(resistances[name] for name in problem.interfaces), *axis_resistances(problem.parts)],
+    )
+
+
+def check_determined(problem: Problem) -> None:
+    """Warn of bolts that are locked on nodes of a rigid contact of the same parts: only the sum of what they
+    carry is determined; collective."""
+    own = {}
+    for name, interface in problem.own.interfaces.items():
+        bolt = interface.law.nominal
+        if not (isinstance(bolt, Preload) and bolt.stiffness is None and _locks(bolt)):
+            continue
+        for other, beside in problem.own.interfaces.items():
+            law = beside.law.nominal
+            if isinstance(law, Contact) and law.stiffness is None and _covers(beside, interface):
+                own[name] = other
+    for name, other in problem.gather(own).items():
+        warn(
+            f"interfaces {name!r} and {other!r} are rigid and lie on the same faces: what each of them "
+            f"carries once {name!r} is locked is not determined; give Preload the stiffness of the bolt, or "
+            "Contact one",
+            SceneWarning,
+        )
+
+
+def _locks(bolt: Preload) -> bool:
+    """Whether its length is given at some time."""
+    return bolt.history or bool(bolt.given("shortening", "angle"))
+
+
+def _covers(interface: Interface, other: Interface) -> bool:
+    """Whether the nodes of an interface, part by part, are all those of another, or more."""
+    nodes = {side.substructure: side.nodes for side in interface.sides}
+    return all(
+        side.substructure in nodes and np.isin(side.nodes, nodes[side.substructure]).all()
+        for side in other.sides
     )
 
 

@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.assembly.ranks import exchanged, together
-from dolfinx_frontend.assembly.held import check_held
+from dolfinx_frontend.assembly.held import check_determined, check_held
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -487,6 +487,7 @@ def make_plan(
     _check_request(problem, method, options)
     if problem.loosened:
         check_held(problem)
+    check_determined(problem)
     moments = _moments_in_time(problem, times)
     varying = tuple(vary)
     factors = tuple(dict.fromkeys(scaled))

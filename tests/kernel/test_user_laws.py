@@ -20,9 +20,9 @@ from latin_core import InputError, Options
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.kernel.user_laws import batched
-from dolfinx_frontend.plan.plan import Direction
+from dolfinx_frontend.plan.plan import Direction, make_plan
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Debonding, Elastic, Law, Preload, UserLaw
 from dolfinx_frontend.scene.materials import LinearElastic
@@ -420,6 +420,35 @@ def test_a_preload_is_locked_after_its_time() -> None:
         assert np.allclose(result.jump("joint")[..., 0], -3.0 * LENGTH / E, atol=1e-12)
         weights = problem.interfaces["joint"].weights
         assert abs(weights @ result.force("joint")[1, :, 0] - 300.0) < 1e-8
+
+
+@pytest.mark.parametrize("active", [None, "all"])
+def test_a_rigid_contact_beside_a_locked_preload(active: Any) -> None:
+    """Only the sum of what both carry is determined, until one of them has a stiffness: 300 N and -300 N."""
+    sides = "left:x1", "right:x0"
+    times = [1.0, 2.0]
+
+    def with_contact(law: Law, contact: Contact) -> Problem:
+        scene = Scene()
+        for name, x0 in (("left", 0.0), ("right", 20.0)):
+            box = geometry.box((20.0, 10.0, 10.0), (2, 2, 2), origin=(x0, 0.0, 0.0), cell="hexahedron")
+            scene.substructure(name, box, LinearElastic(E=E, nu=0.0), degree=1)
+        scene.fix("left:x0")
+        scene.interface("joint", *sides, law)
+        scene.interface("face", *sides, contact)
+        return assemble(scene)
+
+    for law in (Preload(force=300.0, until=1.0), Preload(shortening=0.001)):
+        with pytest.warns(SceneWarning, match="'joint' and 'face' are rigid .* not determined; give Preload"):
+            make_plan(with_contact(law, Contact()), times=times, active=active)
+    for law, contact in (
+        (Preload(force=300.0, until=1.0, stiffness=2e5), Contact()),
+        (Preload(force=300.0, until=1.0), Contact(stiffness=1e5)),
+    ):
+        result = solve(with_contact(law, contact), options=TIGHT, times=times, active=active)
+        for name, force in (("joint", 300.0), ("face", -300.0)):
+            weights = result.problem.interfaces[name].weights
+            assert result.force(name)[..., 0] @ weights == pytest.approx([force, force], rel=1e-8)
 
 
 def test_a_preload_in_intervals() -> None:
