@@ -22,7 +22,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
-from dolfinx_frontend.plan.ties import ties_of
+from dolfinx_frontend.plan.ties import differing_ties, ties_of
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law, Rigid
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -340,7 +340,8 @@ def _joined(
 
 def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> None:
     """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept,
-    and displacements of supports that meet at a glued joint whose meshes do not match.
+    supports that contradict motions of rigid faces, and displacements of supports that meet at a glued joint
+    whose meshes do not match.
 
     A kept interface prescribes what an eliminated one does: no field has both values, and forces that enforce
     them grow without limit as an iteration goes on. Different amplitudes may agree at all moments.
@@ -353,24 +354,41 @@ def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iter
     prescribing = {
         name: i
         for name, i in problem.interfaces.items()
-        if all(side.substructure in problem.substructures for side in i.sides)
-        and i.law.elimination is (Elimination.REMOVED if i.matching is None else Elimination.GLUED)
+        if problem.substructures.keys() >= {*(side.substructure for side in i.sides), *i.law.partners}
+        and (i.law.elimination is Elimination.GLUED) == (i.matching is not None)
+        and i.law.prescribes == "jump"
     }
     amplitudes = (None, *problem.amplitudes)
     for one, other, x in supports_that_meet(problem.interfaces, problem.substructures):
         refuse({a: _at_points(x, one, other, a) for a in amplitudes}, moments)
     if all(name in eliminated for name in prescribing):
         return  # `reduce` sees them all
-    for members in members_of_bodies(problem, prescribing):
-        inside = [i for i in prescribing.values() if i.sides[0].substructure in members]
-        counts = [len(problem.substructures[m].dof_coordinates) for m in members]
-        ends = np.cumsum([0, *counts])
-        start = {m: int(end) for m, end in zip(members, ends, strict=False)}
-        off: dict[Amplitude | None, Differing] = {a: {} for a in amplitudes}
-        for amplitude, found in off.items():
-            laws = {i.name: i.law.pattern(amplitude) for i in inside}
-            _joined(problem, inside, laws, start, sum(counts), found)
-        refuse(off, moments)
+    ties = {n for n, i in prescribing.items() if i.law.elimination is Elimination.TIED}
+    kept = {n for n, i in prescribing.items() if i.matching is not None and n not in eliminated}
+    # what a rigid face meets over a kept joint is not looked at
+    for chosen in (prescribing.keys() - ties, prescribing.keys() - kept)[: 2 if ties else 1]:
+        for members in members_of_bodies(problem, chosen):
+            inside = [i for n, i in prescribing.items() if n in chosen and i.sides[0].substructure in members]
+            off: dict[Amplitude | None, Differing] = {a: {} for a in amplitudes}
+            for amplitude, found in off.items():
+                laws = {i.name: i.law.pattern(amplitude) for i in inside}
+                _disagree(problem, members, inside, laws, found)
+            refuse(off, moments)
+
+
+def _disagree(
+    problem: Problem,
+    members: list[str],
+    inside: list[Interface],
+    laws: Mapping[str, Law],
+    off: Differing,
+) -> None:
+    """Add to `off` what the interfaces inside a body prescribe differently."""
+    ends = np.cumsum([0, *(len(problem.substructures[m].dof_coordinates) for m in members)])
+    start = {m: int(end) for m, end in zip(members, ends, strict=False)}
+    label, shift, classes = _joined(problem, inside, laws, start, int(ends[-1]), off)
+    tied = [(i, cast(Rigid, laws[i.name])) for i in inside if i.law.elimination is Elimination.TIED]
+    differing_ties(problem, tied, start, classes.bases, classes.kind, classes.fixed, shift, label, off)
 
 
 def _body(

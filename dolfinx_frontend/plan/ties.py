@@ -17,7 +17,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import Rigid
 
-__all__ = ["Ties", "given_motions", "ties_of"]
+__all__ = ["Ties", "differing_ties", "given_motions", "ties_of"]
 
 _LEVEL = 1e-6
 """Sines of angles below this are rounding of the mesh."""
@@ -41,6 +41,11 @@ class _Group:
     classes: Ints
     x: Array
     around: bool
+
+    @property
+    def where(self) -> str:
+        """What it is in a message."""
+        return f"{'plane' if self.law.plane else 'rigid'} face {self.law.group!r}"
 
 
 def given_motions(law: Rigid, centre: Array, length: float) -> tuple[Array, Array]:
@@ -169,23 +174,39 @@ def ties_of(
     return Ties(matrix, given)
 
 
-def _of_group(
-    group: _Group, bases: Sequence[Array], kind: Ints, fixed: Array, shift: Array, off: Differing
-) -> tuple[Array, dict[int, tuple[Array, Array, Array]]]:
-    """Motions (k, free) that are left to a group, and what its classes make of them."""
+def differing_ties(
+    problem: Problem,
+    tied: Sequence[tuple[Interface, Rigid]],
+    start: dict[str, int],
+    bases: Sequence[Array],
+    kind: Ints,
+    fixed: Array,
+    shift: Array,
+    label: Ints,
+    off: Differing,
+) -> None:
+    """Add to `off` what supports and given motions prescribe differently; arguments as :func:`ties_of`."""
+    for group in _groups(problem, tied, start, label):
+        _solved(group, *_equations(group, bases, kind, fixed, shift)[1:], off)
+
+
+def _equations(
+    group: _Group, bases: Sequence[Array], kind: Ints, fixed: Array, shift: Array
+) -> tuple[Array, Array, Array]:
+    """What the motions (r,) of a group make of its points, (p, d, r) or (p, r) along the normal, and what is
+    given of them: rows (k, r) and values (k,)."""
     law, x = group.law, group.x
     d = x.shape[1]
     centre = x.mean(axis=0)
     length = max(float(np.sqrt(((x - centre) ** 2).sum(axis=1).mean())), 1e-300)
     modes = rigid_modes(x, centre, length)
-    where = f"{'plane' if law.plane else 'rigid'} face {law.group!r}"
     if law.plane:
         along = np.einsum("i,pir->pr", group.normal, modes)
         _, s, vt = np.linalg.svd(along, full_matrices=False)
         span = vt[s > 1e-9 * s[0]].T
         if not law.tilts:
             span = np.concatenate([group.normal, np.zeros(modes.shape[2] - d)])[:, None]
-        along = along @ span
+        modes = along @ span
         rows = np.eye(1) if "n" in law.motions() else np.zeros((0, span.shape[1]))
         values = np.array([*law.motions().values()])
     else:
@@ -199,52 +220,53 @@ def _of_group(
             rows = np.vstack([rows, np.eye(3)[[0, 2]]])
             values = np.append(values, np.zeros(2))
     # what supports leave of the displacements of a node has to be a displacement of the rigid motion
-    equations, wanted, at = [rows], [values], []
+    equations, wanted = [rows], [values]
     for k, c in enumerate(group.classes):
         basis = bases[kind[c]]
         base = fixed[c] + shift[group.nodes[k]]
-        if law.plane:
-            share = basis.T @ group.normal
-            size = float(np.linalg.norm(share))
-            if size < _LEVEL:
-                equations.append(along[k][None])
-                wanted.append(np.array([group.normal @ base]))
-                at.append((share, base, False))
-                continue
-            if size < 1.0 - _LEVEL:
-                raise SceneError(
-                    f"{where}: a support holds some of its nodes at an angle to its normal; shrink one of "
-                    "the faces"
-                )
-            at.append((share / size, base, True))
-        else:
-            if basis.shape[1] < d:
-                held = np.eye(d) - basis @ basis.T
-                equations.append(held @ modes[k])
-                wanted.append(held @ base)
-            at.append((basis, base, True))
-    motions, constant = _solved(where, np.concatenate(equations), np.concatenate(wanted), off)
+        if law.plane and np.linalg.norm(basis.T @ group.normal) < _LEVEL:
+            equations.append(modes[k][None])
+            wanted.append(np.array([group.normal @ base]))
+        elif not law.plane and basis.shape[1] < d:
+            held = np.eye(d) - basis @ basis.T
+            equations.append(held @ modes[k])
+            wanted.append(held @ base)
+    return modes, np.concatenate(equations), np.concatenate(wanted)
+
+
+def _of_group(
+    group: _Group, bases: Sequence[Array], kind: Ints, fixed: Array, shift: Array, off: Differing
+) -> tuple[Array, dict[int, tuple[Array, Array, Array]]]:
+    """Motions (k, free) that are left to a group, and what its classes make of them."""
+    modes, rows, values = _equations(group, bases, kind, fixed, shift)
+    motions, constant = _solved(group, rows, values, off)
     found = {}
     for k, c in enumerate(group.classes):
-        first, base, moves = at[k]
-        f = bases[kind[c]].shape[1]
-        if not law.plane:
+        first = bases[kind[c]]
+        f = first.shape[1]
+        base = fixed[c] + shift[group.nodes[k]]
+        if not group.law.plane:
             along_basis = first.T @ modes[k]
             found[int(c)] = (np.zeros((f, 0)), along_basis @ motions, along_basis @ constant - first.T @ base)
-        elif not moves:
+            continue
+        share = first.T @ group.normal
+        size = float(np.linalg.norm(share))
+        if size < _LEVEL:
             found[int(c)] = (np.eye(f), np.zeros((f, motions.shape[1])), np.zeros(f))
-        else:
-            _, _, vt = np.linalg.svd(first[None])
-            kept = vt[1:].T
-            found[int(c)] = (
-                kept,
-                np.outer(first, along[k] @ motions),
-                first * (along[k] @ constant - group.normal @ base),
+            continue
+        if size < 1.0 - _LEVEL:
+            raise SceneError(
+                f"{group.where}: a support holds some of its nodes at an angle to its normal; shrink one of "
+                "the faces"
             )
+        share = share / size
+        _, _, vt = np.linalg.svd(share[None])
+        moved = share * (modes[k] @ constant - group.normal @ base)
+        found[int(c)] = (vt[1:].T, np.outer(share, modes[k] @ motions), moved)
     return motions, found
 
 
-def _solved(where: str, rows: Array, values: Array, off: Differing) -> tuple[Array, Array]:
+def _solved(group: _Group, rows: Array, values: Array, off: Differing) -> tuple[Array, Array]:
     """Motions (k, free) that satisfy homogeneous equations, and a particular one (k,)."""
     if not len(rows):
         return np.eye(rows.shape[1]), np.zeros(rows.shape[1])
@@ -254,9 +276,9 @@ def _solved(where: str, rows: Array, values: Array, off: Differing) -> tuple[Arr
 
     def said(wrong: Array) -> str:
         return (
-            f"{where}: its supports and given motions contradict each other, by {wrong.max():.4g}: no rigid "
-            "motion does both; give others or shrink a face"
+            f"{group.where}: its supports and given motions contradict each other, by {wrong.max():.4g}: no "
+            "rigid motion does both; give others or shrink a face"
         )
 
-    off[where] = Off((rows @ constant - values)[:, None], float(np.abs(values).max()), said)
+    off[group.where] = Off((rows @ constant - values)[:, None], float(np.abs(values).max()), said)
     return vt[rank:].T, constant

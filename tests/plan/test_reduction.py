@@ -141,6 +141,37 @@ def test_contradicting_displacements_are_refused_whatever_is_kept(active):
         lf.solve(problem, times=[1.0, 2.0], active=active)
 
 
+@pytest.mark.parametrize("active", [None, "all"])
+@pytest.mark.parametrize("off", [0.0, 1e-3])
+@pytest.mark.parametrize("support", ["point", "face", "ground"])
+@pytest.mark.parametrize("tie", ["rigid", "plane"])
+def test_supports_that_contradict_given_motions_are_refused_whatever_is_kept(tie, support, off, active):
+    """A block whose right face is moved by 0.02 is held there elsewhere; where both agree it is stretched."""
+    scene = Scene()
+    scene.substructure("a", geometry.box((1.0, 1.0, 1.0), (2, 2, 2)), LinearElastic(1e5, 0.0), degree=1)
+    scene.fix("a:x0")
+    if tie == "rigid":
+        scene.rigid("a:x1", x=0.02, y=0.0, z=0.0, rx=0.0, ry=0.0, rz=0.0, name="p")
+    else:
+        scene.plane("a:x1", tilts=False, n=0.02, name="p")
+    if support == "point":
+        scene.fix_point("a", (1.0, 0.0, 1.0), (0.02 - off, 0.0, 0.0))
+    elif support == "face":
+        scene.fix("a:z1", lambda x: (0.02 - off) * x[:, [0]] * np.eye(3)[0], components=0)
+    else:  # over a part of the face, and an elastic joint beside
+        scene.interface("bed", "a:y1", lf.Elastic(normal=0.0, tangential=0.0))
+        scene.fix("a:y0", lambda x: (0.02 - off) * x[:, [0]] * np.eye(3)[0], components=(0, 1))
+    problem = assemble(scene)
+    if off:
+        with pytest.raises(lf.SceneError, match=f"{tie} face 'p': its supports and given motions contradict"):
+            lf.solve(problem, active=active, progress=False)
+        return
+    result = lf.solve(problem, active=active, progress=False)
+    assert result.converged
+    x = problem.substructures["a"].dof_coordinates
+    assert result.unknowns("a").reshape(-1, 3)[:, 0] == pytest.approx(0.02 * x[:, 0], abs=1e-7)
+
+
 RAMP = lf.Amplitude([0, 2], [0, 1])
 
 
