@@ -30,6 +30,7 @@ from dolfinx_frontend.plan.plan import Plan, check_reach
 from dolfinx_frontend.plan.reduction import (
     Body,
     check_prescribed,
+    moments_of,
     count_bodies,
     factorised_stiffness,
     reduce,
@@ -544,7 +545,7 @@ def _check_range(strain: float) -> None:
 def _reduced(problem: Problem, plan: Plan) -> list[dict[Pattern, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
     chosen = {name for name in plan.eliminated if name in problem.interfaces}
-    moments = {*([0.0] if plan.times is None else plan.times)}.union(*(a.times for a in problem.amplitudes))
+    moments = moments_of(problem, plan.times)
     check_prescribed(problem, chosen, moments)
     found: list[dict[Pattern, Body]] = []
     for amplitude in plan.patterns:

@@ -36,6 +36,7 @@ __all__ = [
     "displacements",
     "factorised_stiffness",
     "members_of_bodies",
+    "moments_of",
     "reduce",
     "spring_jump",
     "spring_operator",
@@ -336,6 +337,11 @@ def _joined(
     label = group_labels(nodes, np.concatenate(pairs) if pairs else [])
     shift = _shifts(problem, glued, start, nodes, off)
     return label, shift, _held_classes(problem, held, start, shift, label, off)
+
+
+def moments_of(problem: Problem, times: Array | None) -> set[float]:
+    """Times at which what is prescribed has to agree: those of the steps, and breakpoints of amplitudes."""
+    return {*([0.0] if times is None else times)}.union(*(a.times for a in problem.amplitudes))
 
 
 def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> None:

@@ -35,6 +35,7 @@ from typing import TypeVar
 
 import numpy as np
 from latin_core import SweepPoints, SweptParameter
+from scipy.linalg import qr
 from scipy.optimize import lsq_linear
 
 from dolfinx_frontend.assembly.held import axis_resistances, check_held, held
@@ -44,6 +45,7 @@ from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
+from dolfinx_frontend.plan.reduction import check_prescribed, moments_of
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM, UNDETERMINED
 from dolfinx_frontend.results.result import Result
@@ -83,6 +85,9 @@ _FLOATS = 10.0
 
 _TURNS = 1e-2
 """Rotations that move the points of a part by less than this, relative to its translations, are not named."""
+
+_SPANNED = 1e-10
+"""Points whose values are combinations of those of others, to this relative to the largest, are spanned."""
 
 _TOUCHING = 1e-6
 """Opening, relative to the face's size, below which two faces touch."""
@@ -675,9 +680,11 @@ def named_without_equilibrium(
     parameters: Sequence[SweptParameter],
     at: Callable[[int], Problem],
     acting: bool,
+    known: bool = True,
 ) -> SweepPoints:
     """The points of an answer; those have the status ``"no_equilibrium"`` at which no admissible forces of
-    interfaces balance the loads, or ``"undetermined"`` at which parts are free and not loaded; collective.
+    interfaces balance the loads, or prescribed displacements contradict each other, or ``"undetermined"`` at
+    which parts are free and not loaded; collective.
 
     An iteration that is asked for little may call such a point converged: what slides away has not gone far.
 
@@ -691,13 +698,17 @@ def named_without_equilibrium(
         The problem at a point.
     acting
         Whether what pushes on the parts differs from point to point.
+    known
+        Whether the forces were kept.
     """
     points = answer.points
-    unbalanced = _unbalanced(answer, at if acting else None)
+    lost = _contradicting(answer, parameters, at)
+    if known:
+        lost |= _unbalanced(answer, at if acting else None)
     status = np.array(points.status, dtype="<U16")
-    for k, why in sorted({**unbalanced, **_free_points(parameters, at)}.items()):
+    for k, why in sorted({**lost, **_free_points(parameters, at)}.items()):
         if points.iterations[k] >= 0:
-            status[k] = NO_EQUILIBRIUM if k in unbalanced else _of_free(at(k), answer.plan.times)
+            status[k] = NO_EQUILIBRIUM if k in lost else _of_free(at(k), answer.plan.times)
             if answer.problem.rank == 0:
                 _log.warning("%s %d: %s", what, k, why)
     return replace(points, status=status)
@@ -719,6 +730,39 @@ def _free_points(parameters: Sequence[SweptParameter], at: Callable[[int], Probl
             except SceneError as failure:
                 found |= dict.fromkeys(which, str(failure))
     return found
+
+
+def _contradicting(
+    answer: PointResults, parameters: Sequence[SweptParameter], at: Callable[[int], Problem]
+) -> dict[int, str]:
+    """Points at which displacements or jumps that differ from point to point contradict others -> why;
+    collective."""
+    interfaces, plan = answer.problem.interfaces, answer.plan
+    jumps = [p for p in parameters if p.interface in interfaces and p.parameter == "jump"]
+    given = [p for p in jumps if interfaces[p.interface].law.prescribes == "jump"]
+    numbers = [each.values for each in given if len(each.values) == 1]
+    if not numbers:
+        return {}
+    fields = {p.interface: interfaces[p.interface].law for p in given if len(p.values) > 1}
+    rows, which = np.unique(np.concatenate(numbers).T, axis=0, return_inverse=True)
+
+    def why(row: int) -> str:
+        now = at(int(np.argmax(which.ravel() == row))).with_laws(fields).own
+        try:
+            with agreement(now.comm):
+                check_prescribed(now, plan.eliminated, moments_of(now, plan.times))
+        except SceneError as failure:
+            return str(failure)
+        return ""
+
+    # differences are affine in the values: where rows that span the others have none these have none
+    spanning = np.vstack([np.full(len(rows), max(float(np.abs(rows).max()), 1e-300)), rows.T])
+    upper, order = qr(spanning, mode="r", pivoting=True)
+    rank = np.count_nonzero(np.abs(np.diag(upper)) > _SPANNED * abs(upper[0, 0]))
+    if not any([why(int(row)) for row in order[:rank]]):
+        return {}
+    found = {row: text for row in range(len(rows)) if (text := why(row))}
+    return {k: found[row] for k, row in enumerate(which.ravel().tolist()) if row in found}
 
 
 def _of_free(problem: Problem, times: Array | None) -> str:

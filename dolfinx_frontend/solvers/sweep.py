@@ -320,17 +320,16 @@ def sweep(
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): read_only(values) for key, values in axes.items()}
     result = SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
-    if not keep_fields:  # nothing is known of the forces
-        return result
     flat = _flat(axes)
 
     def at(point: int) -> Problem:
         return swept_problem(problem, {name: v[point] for key, v in flat.items() for name in key})
 
     acting = acts(problem, {name.rpartition(".")[0] for key in axes for name in key})
-    points = named_without_equilibrium("sweep point", result, parameters, at, acting)
+    points = named_without_equilibrium("sweep point", result, parameters, at, acting, keep_fields)
     result = replace(result, points=points)
-    check_bolts(result, "sweep point")
+    if keep_fields:
+        check_bolts(result, "sweep point")
     return result
 
 

@@ -394,3 +394,44 @@ def test_a_loose_spring_without_a_load_is_undetermined() -> None:
         assert found.statuses.tolist() == [status, "converged"]
         force = found.force("layer")[:, :, 0] @ problem.interfaces["layer"].weights
         assert force[1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("active", [None, "all"])
+@pytest.mark.parametrize("times", [None, [0.5, 1.0]])
+def test_swept_displacements_that_contradict_each_other_are_named(
+    times: Any, active: Any, caplog: Any
+) -> None:
+    """Two sides of a square on springs are moved along y: at their corner both have to be the same."""
+    scene = Scene()
+    square = geometry.box((1.0, 1.0), (2, 2))
+    scene.substructure("a", square, LinearElastic(100.0, 0.0), degree=1)
+    scene.interface("bed", "a:y0", Elastic(normal=30.0, tangential=10.0))
+    one: Any = 1.0 if times is None else Amplitude([0, 1], [0, 1])
+    scene.fix("a:y1", one * 0.01, components=1, name="top")
+    scene.fix("a:x1", one * 0.01, components=1, name="right")
+    scene.fix("a:x0", components=0)
+    problem = assemble(scene)
+    settings = {"active": active, "times": times}
+    values = [0.01, 0.02, 0.03]
+    for kept in (True, False):
+        grid = {"top.value": values, "right.value": values[:2]}
+        found = lf.sweep(problem, grid, progress=False, keep_fields=kept, **settings)
+        agree = np.equal.outer(values, values[:2])
+        assert ((found.statuses == "converged") == agree).all()
+        assert (found.statuses[~agree] == "no_equilibrium").all()
+    assert caplog.text.count("'right' and 'top' prescribe different displacements at 1 common nodes") == 8
+    both = lf.sweep(problem, {("top.value", "right.value"): values}, progress=False, **settings)
+    assert both.status == "converged"
+    function = problem.function("bed", ["top.value"], **settings)
+    assert function.evaluate([[0.01], [0.02]]).statuses.tolist() == ["converged", "no_equilibrium"]
+
+
+def test_swept_jumps_that_contradict_supports_are_named() -> None:
+    scene = Scene()
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        square = geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0))
+        scene.substructure(name, square, LinearElastic(100.0, 0.3), degree=1)
+    scene.interface("glue", "a:x1", "b:x0", lf.Perfect(jump=0.0))
+    scene.fix(["a:y0", "b:y0"])
+    found = lf.sweep(assemble(scene), {"glue.jump": [0.0, 0.01]}, progress=False)
+    assert found.statuses.tolist() == ["converged", "no_equilibrium"]
