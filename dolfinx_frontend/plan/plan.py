@@ -7,7 +7,7 @@ iteration runs on the others. Every decision carries its reason and can be overr
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
-from dolfinx_frontend.assembly.ranks import exchanged, together
+from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.assembly.held import check_determined, check_held
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -42,9 +42,15 @@ from dolfinx_frontend.plan.cost import (
 from dolfinx_frontend.plan.newton import Newton, fitting, newton_of
 from dolfinx_frontend.plan.price import Price, Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
+from dolfinx_frontend.plan.reduction import (
+    check_prescribed,
+    members_of_bodies,
+    moments_of,
+    spanning,
+    wholly_held,
+)
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
-from dolfinx_frontend.scene.laws import Elimination
+from dolfinx_frontend.scene.laws import Elimination, Law
 from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.scene.values import is_plain, is_zero
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
@@ -77,6 +83,8 @@ _PAPER = "the paper keeps them all"
 _RANKS = "its sides lie on two ranks"
 _CUT = (_UNMATCHED, _UNGLUED, _ASKED, _PAPER, _RANKS)
 """Reasons to keep an interface whose law is linear and fixed."""
+_DRAWS = 64
+"""Samples among which some span what random displacements can be."""
 
 
 class Decision(NamedTuple):
@@ -415,12 +423,15 @@ def plan_of_random(where: str, random: RandomLaws, given: Plan | None, way: Way,
     Raises
     ------
     SceneError
-        The given one eliminates something random, or the way needs more memory than there is.
+        The given one eliminates something random, random displacements contradict others, or the way needs
+        more memory than there is.
     """
     if given is not None:
         check_keeps(where, given, random.interfaces, random.loads, random.parts)
+    plan = plan_for(random, way, **settings) if given is None else given
+    _check_random(random, plan.eliminated, plan.times)
+    if given is not None:
         return given
-    plan = plan_for(random, way, **settings)
     free = available_memory() if random.problem.comm is None else np.inf  # ranks would not decide alike
     price = plan.price
     if price is not None and price.memory > _SURE * free and plan.options.backend != "multigrid":
@@ -430,6 +441,30 @@ def plan_of_random(where: str, random: RandomLaws, given: Plan | None, way: Way,
             "fewer of them; compare_ways(problem) says what fits"
         )
     return plan
+
+
+def _check_random(random: RandomLaws, eliminated: Container[str], times: Array | None) -> None:
+    """As :func:`check_prescribed`, of samples of what is random; a random field counts as one number, which
+    agrees with no other; collective."""
+    problem = random.problem
+    laws = {name: problem.interfaces[name].law for name in random.interfaces}
+    given = {key: s for key, s in random.sources.items() if laws[key[0]].prescribes == "jump"}
+    if not given:
+        return
+    points = random.space.sample(_DRAWS, 0)
+    values = np.array([np.atleast_2d(random.space.values(s, points))[0] for s in given.values()])
+    for k in spanning(values):
+        now: dict[str, Law] = {}
+        for (name, parameter), value in zip(given, values[:, k].tolist(), strict=True):
+            amplitude = random.amplitude(name, parameter)
+            changed = {parameter: value if amplitude is None else amplitude * value}
+            now[name] = now.get(name, laws[name]).with_(**changed)
+        one = problem.with_laws(now)
+        try:
+            with agreement(problem.comm):
+                check_prescribed(one.own, eliminated, moments_of(one, times))
+        except SceneError as failure:
+            raise SceneError(f"{failure}; random ones agree where they are the same random number") from None
 
 
 @together("make_plan")

@@ -14,6 +14,7 @@ from typing import cast
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import qr
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.meeting import Differing, Off, refuse, supports_that_meet
@@ -38,10 +39,15 @@ __all__ = [
     "members_of_bodies",
     "moments_of",
     "reduce",
+    "spanning",
     "spring_jump",
     "spring_operator",
     "wholly_held",
 ]
+
+
+_SPANNED = 1e-10
+"""Points whose values are combinations of those of others, to this relative to the largest, are spanned."""
 
 
 @dataclass(frozen=True)
@@ -380,6 +386,15 @@ def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iter
                 laws = {i.name: i.law.pattern(amplitude) for i in inside}
                 _disagree(problem, members, inside, laws, found)
             refuse(off, moments)
+
+
+def spanning(values: Array) -> list[int]:
+    """Points of which the values (k, N) of all N are affine combinations: what is prescribed differently is
+    affine in them, and where these points have none of it no point has."""
+    size = max(float(np.abs(values).max()), 1e-300)
+    upper, order = qr(np.vstack([np.full(values.shape[1], size), values]), mode="r", pivoting=True)
+    rank = np.count_nonzero(np.abs(np.diag(upper)) > _SPANNED * abs(upper[0, 0]))
+    return [int(k) for k in order[:rank]]
 
 
 def _disagree(

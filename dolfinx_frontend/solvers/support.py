@@ -35,7 +35,6 @@ from typing import TypeVar
 
 import numpy as np
 from latin_core import SweepPoints, SweptParameter
-from scipy.linalg import qr
 from scipy.optimize import lsq_linear
 
 from dolfinx_frontend.assembly.held import axis_resistances, check_held, held
@@ -45,7 +44,7 @@ from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
-from dolfinx_frontend.plan.reduction import check_prescribed, moments_of
+from dolfinx_frontend.plan.reduction import check_prescribed, moments_of, spanning
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM, UNDETERMINED
 from dolfinx_frontend.results.result import Result
@@ -85,9 +84,6 @@ _FLOATS = 10.0
 
 _TURNS = 1e-2
 """Rotations that move the points of a part by less than this, relative to its translations, are not named."""
-
-_SPANNED = 1e-10
-"""Points whose values are combinations of those of others, to this relative to the largest, are spanned."""
 
 _TOUCHING = 1e-6
 """Opening, relative to the face's size, below which two faces touch."""
@@ -755,11 +751,7 @@ def _contradicting(
             return str(failure)
         return ""
 
-    # differences are affine in the values: where rows that span the others have none these have none
-    spanning = np.vstack([np.full(len(rows), max(float(np.abs(rows).max()), 1e-300)), rows.T])
-    upper, order = qr(spanning, mode="r", pivoting=True)
-    rank = np.count_nonzero(np.abs(np.diag(upper)) > _SPANNED * abs(upper[0, 0]))
-    if not any([why(int(row)) for row in order[:rank]]):
+    if not any([why(row) for row in spanning(rows.T)]):
         return {}
     found = {row: text for row in range(len(rows)) if (text := why(row))}
     return {k: found[row] for k, row in enumerate(which.ravel().tolist()) if row in found}

@@ -172,6 +172,48 @@ def test_supports_that_contradict_given_motions_are_refused_whatever_is_kept(tie
     assert result.unknowns("a").reshape(-1, 3)[:, 0] == pytest.approx(0.02 * x[:, 0], abs=1e-7)
 
 
+def _moved(name):
+    return lf.Normal(name, 0.01, std=0.001)
+
+
+@pytest.mark.parametrize("times", [None, [1.0, 2.0]])
+@pytest.mark.parametrize(
+    "one, other, agree",
+    [
+        (_moved("u"), _moved("u"), True),
+        (2.0 * _moved("u"), _moved("u") + _moved("u"), True),
+        (_moved("u"), _moved("v"), False),
+        (_moved("u"), 1.1 * _moved("u") - 0.001, False),
+        (_moved("u"), 0.01, False),
+        (lf.FromSamples("u", [0.01, 0.03]), lf.FromSamples("v", [0.01, 0.03]), False),
+        (lf.RandomField("f", mean=0.01, std=0.001, length=5.0), 0.01, False),
+    ],
+)
+def test_random_displacements_with_the_same_mean_contradict_each_other(one, other, agree, times):
+    """Two sides of a square on springs are moved along y: at their corner samples of both have to agree."""
+    scene = Scene()
+    scene.substructure("a", geometry.box((1.0, 1.0), (2, 2)), LinearElastic(100.0, 0.0), degree=1)
+    scene.interface("bed", "a:y0", lf.Elastic(normal=30.0, tangential=10.0))
+    if times and not isinstance(one, lf.RandomField):
+        one, other = (lf.Amplitude([0, 2], [0, 1]) * each for each in (one, other))
+    scene.fix("a:y1", one, components=1, name="top")
+    scene.fix("a:x1", other, components=1, name="right")
+    scene.fix("a:x0", components=0)
+    problem = assemble(scene)
+    settings = {"times": times, "progress": False}
+    assert lf.solve(problem, **settings).converged  # at the means
+    runs = (
+        lambda: lf.solve(problem, chaos=1, **settings),
+        lambda: lf.quasi_monte_carlo(problem, 4, **settings),
+    )
+    for run in runs:
+        if agree:
+            assert run().status == "converged"
+            continue
+        with pytest.raises(lf.SceneError, match="'right' and 'top' prescribe .* the same random number"):
+            run()
+
+
 RAMP = lf.Amplitude([0, 2], [0, 1])
 
 
