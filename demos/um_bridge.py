@@ -56,6 +56,13 @@ def numbers(asked: dict, name: str, count: int) -> np.ndarray:
     return np.array([float(each) for each in given])
 
 
+def output(found: np.ndarray) -> list:
+    """What is sent back: JSON has no other numbers than finite ones."""
+    if not np.isfinite(found).all():
+        raise ValueError(f"the answer is {found.tolist()}, no finite numbers: give other input")
+    return found.tolist()
+
+
 def answer(path: str, asked: dict) -> dict:
     if path == "/Info":
         return {"protocolVersion": 1.0, "models": [NAME]}
@@ -78,17 +85,17 @@ def answer(path: str, asked: dict) -> dict:
     x = numbers({"input[0]": blocks[0]}, "input[0]", len(f.inputs))
     if path == "/Evaluate":
         with solving:
-            return {"output": [f(x).tolist()]}
+            return {"output": [output(f(x))]}
     for index in ("outWrt", "inWrt"):
         if type(asked.get(index)) is not int or asked[index] != 0:
             raise ValueError(f"{index} = {str(asked.get(index))[:60]}: there is one block of numbers, 0")
     if path == "/Gradient":
         sens = numbers(asked, "sens", len(f.outputs))
         with solving:
-            return {"output": (sens @ f.gradient(x)).tolist()}
+            return {"output": output(sens @ f.gradient(x))}
     vec = numbers(asked, "vec", len(f.inputs))
     with solving:
-        return {"output": (f.gradient(x) @ vec).tolist()}
+        return {"output": output(f.gradient(x) @ vec)}
 
 
 class Model(BaseHTTPRequestHandler):
@@ -138,7 +145,7 @@ class Model(BaseHTTPRequestHandler):
             return
         except (ValueError, ArithmeticError, RuntimeError) as error:  # SceneError is one of the first
             found = {"error": {"type": "InvalidInput", "message": str(error)}}
-        body = json.dumps(found).encode()
+        body = json.dumps(found, allow_nan=False).encode()
         self.send_response(400 if "error" in found else 200)
         self.send_header("Content-Type", "application/json")
         self.send_header("Content-Length", str(len(body)))

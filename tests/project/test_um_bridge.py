@@ -74,6 +74,7 @@ def works(port: int) -> None:
         ("/Gradient", SLOPE | {"inWrt": False}, "inWrt = False"),
         ("/Gradient", SLOPE | {"sens": None}, "sens = None: a list of 2"),
         ("/ApplyJacobian", SLOPE | {"vec": [1.0]}, "vec = [1.0]: a list of 2 numbers"),
+        ("/Evaluate", GOOD | {"input": [[K, 1e308]]}, "the answer is [nan, nan], no finite numbers"),
         ("/ApplyHessian", SLOPE, "/ApplyHessian is not supported"),
         ("/../../etc/passwd", SLOPE, "is not supported"),
         ("/Evaluate", b" " * 3_000_000, "a request of 3000000 bytes"),
