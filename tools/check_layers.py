@@ -94,6 +94,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "solids",
         "touching",
         "meshing",
+        "msh",
         "reading",
         "worker",
         "away",

@@ -6,9 +6,9 @@ which would start MPI in that process.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,13 @@ import numpy as np
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.meshing import OPTIONS, generate
+from dolfinx_frontend.geometry.msh import checked_copy
 from dolfinx_frontend.geometry.session import gmsh_session
 from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut, Loaded, Solid, load, nearest, solids_of
 from dolfinx_frontend.geometry.touching import Touch, touching
 
 __all__ = ["TASKS", "Recipe", "Source", "Survey"]
-
-_BEGIN = re.compile(rb"\$MeshFormat[ \t]*\r?\n[ \t]*(2(\.[0-2])?|4(\.[01])?)[ \t]+[01][ \t]+8\s")
 
 Say = Callable[[str], None]
 """Told what is done next."""
@@ -148,29 +147,19 @@ def _only(gmsh: Any, loaded: Loaded, name: str) -> Loaded:
 
 def mesh_file(say: Say, path: Path) -> Meshed:
     """The mesh in a file of gmsh, which takes what does not begin as a mesh for a script and executes it."""
-    with path.open("rb") as file:
-        if _BEGIN.match(file.read(64)) is None:
-            raise SceneError(
-                "it does not begin as a mesh of gmsh ($MeshFormat, version 2.2 or 4.1); write it so"
-            )
     say("reading the mesh")
     with gmsh_session("file") as gmsh:
-        gmsh.merge(str(path))
+        width = cache(lambda kind: int(gmsh.model.mesh.getElementProperties(kind)[3]))
+        own = path.with_name("checked.msh")
+        named = checked_copy(path, own, width)
+        gmsh.merge(str(own))
         found = gmsh.model.getPhysicalGroups()
         highest = max((dim for dim, _ in found), default=0)
         # gmsh forgets groups of which it finds nothing
-        for dim, tag, name in _named_groups(path):
+        for dim, tag, name in named:
             if dim >= max(2, highest) and (dim, tag) not in found:
                 raise SceneError(f"the part {name!r} has no cells; write the mesh again")
         return meshed(gmsh.model)
-
-
-def _named_groups(path: Path) -> list[tuple[int, int, str]]:
-    """(dimension, tag, name) of the physical groups that a mesh file names, in text even in a binary file."""
-    rest = path.read_bytes().partition(b"$PhysicalNames")[2]
-    lines = rest.partition(b"$EndPhysicalNames")[0].decode(errors="replace").splitlines()
-    found = (re.fullmatch(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*', line) for line in lines)
-    return [(int(m[1]), int(m[2]), m[3]) for m in found if m]
 
 
 def _load(gmsh: Any, say: Say, source: Source) -> Loaded:

@@ -25,6 +25,7 @@ import dolfinx_frontend as lf
 from dolfinx_frontend.formats import hdf5
 from dolfinx_frontend.formats.chaos_file import Field, load_chaos, save_chaos
 from dolfinx_frontend.geometry import gmsh_session, read_msh, read_step
+from dolfinx_frontend.geometry.msh import checked_copy
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.parameters import Uniform
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -413,6 +414,105 @@ def test_numbers_of_nodes_may_be_large(folder: Path) -> None:
     text = MESH.replace("\n3 1 1 0", f"\n{large} 1 1 0").replace("1 2 3\n$End", f"1 2 {large}\n$End")
     Path("large.msh").write_text(text)
     assert read_msh("large.msh").parts["a"].volume() == pytest.approx(0.5, rel=1e-12)
+
+
+MANY = 2_000_000_000
+LEFT_OUT = {
+    "NodeData": f'1\n"x"\n1\n0\n3\n0\n1\n{MANY}',
+    "ElementData": f'1\n"x"\n1\n0\n3\n0\n1\n{MANY}',
+    "ElementNodeData": f"{MANY}",
+    "Periodic": f"1\n1 1 1\n{MANY}",
+    "GhostElements": f"{MANY}",
+    "NodesToo": f"1 {MANY} 1 {MANY}",
+}
+
+
+def written(path: Path, version: float, binary: int) -> str:
+    """A square as gmsh writes it."""
+    with gmsh_session("made") as made:
+        made.model.occ.addRectangle(0, 0, 0, 1, 1)
+        made.model.occ.synchronize()
+        made.model.addPhysicalGroup(2, [1], name="a")
+        made.model.mesh.generate(2)
+        made.option.setNumber("Mesh.MshFileVersion", version)
+        made.option.setNumber("Mesh.Binary", binary)
+        made.write(str(path))
+    return path.read_bytes().decode("latin1")
+
+
+@pytest.mark.usefixtures("forking")
+@pytest.mark.parametrize(("version", "binary"), [(2.2, 0), (2.2, 1), (4.0, 0), (4.1, 0), (4.1, 1)])
+def test_sections_that_no_mesh_needs_are_left_out(version: float, binary: int, folder: Path) -> None:
+    """gmsh asks for 11 GB for what some of them count."""
+    whole = written(Path("good.msh"), version, binary)
+    more = "".join(f"${name}\n{text}\n$End{name}\n" for name, text in LEFT_OUT.items())
+    Path("more.msh").write_bytes((whole + more).encode("latin1"))
+    assert read_msh("more.msh", timeout=60).parts["a"].volume() == pytest.approx(1.0, rel=1e-12)
+    assert checked_copy(Path("more.msh"), Path("copy.msh"), {1: 2, 2: 3, 15: 1}.__getitem__) == [(2, 1, "a")]
+    kept = re.findall(rb"(?m)^\$(?!End)(\w+)\n", Path("copy.msh").read_bytes())
+    assert set(kept) <= {b"MeshFormat", b"PhysicalNames", b"Entities", b"Nodes", b"Elements"}
+    Path("cut.msh").write_bytes(whole[: whole.index("$EndElements") - 20].encode("latin1"))
+    refuse("mesh", "cut.msh")
+
+
+PARTITIONED = f"$PartitionedEntities\n1\n{MANY}\n$EndPartitionedEntities\n$Nodes"
+SQUARE = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+1
+2 1 "a"
+$EndPhysicalNames
+$Entities
+0 0 1 0
+1 0 0 0 1 1 0 1 1 0
+$EndEntities
+$Nodes
+1 3 1 3
+2 1 0 3
+1
+2
+3
+0 0 0
+1 0 0
+1 1 0
+$EndNodes
+$Elements
+1 1 1 1
+2 1 2 1
+1 1 2 3
+$EndElements
+"""
+
+
+@pytest.mark.usefixtures("forking")
+@pytest.mark.parametrize(
+    ("section", "old", "new"),
+    [
+        ("Entities", "0 0 1 0", f"0 0 1 {MANY}"),
+        ("Entities", "1 1 0 1 1 0", f"1 1 0 {MANY} 1 0"),
+        ("Nodes", "1 3 1 3", f"1 {MANY} 1 3"),
+        ("Nodes", "1 3 1 3", f"{MANY} 3 1 3"),
+        ("Nodes", "2 1 0 3", f"2 1 0 {MANY}"),
+        ("Nodes", "2 1 0 3", "2 1 0 -3"),
+        ("Nodes", "2\n3\n", "2.5\n3\n"),  # gmsh would read 2, and go on at .5
+        ("Nodes", "1 1 0\n$EndN", "1 1 0.5.5\n$EndN"),
+        ("Nodes", "1 1 0\n$EndN", f"1 1 0\n$NodeData\n{MANY}\n$EndN"),
+        ("Elements", "1 1 1 1", f"1 {MANY} 1 1"),
+        ("Elements", "2 1 2 1", f"2 1 2 {MANY}"),
+        ("Elements", "2 1 2 1", "2 1 11 1"),
+        ("PartitionedEntities", "$Nodes", PARTITIONED),
+        ("Nodes", "$EndNodes\n", ""),
+    ],
+)
+def test_counts_of_a_mesh_are_those_of_its_numbers(section: str, old: str, new: str, folder: Path) -> None:
+    Path("file.msh").write_text(SQUARE)
+    assert read_msh("file.msh").parts["a"].volume() == pytest.approx(0.5, rel=1e-12)
+    assert old in SQUARE
+    Path("file.msh").write_text(SQUARE.replace(old, new))
+    said = rf"'file.msh': its section \${section} is damaged.*; write it again"
+    with pytest.raises(lf.SceneError, match=said):
+        read_msh("file.msh")
 
 
 def test_a_chaos_file_as_text_is_checked(good: dict[str, Path], folder: Path) -> None:
