@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import get_args
 
+import numpy as np
+
 from dolfinx_frontend.common.arrays import Ints
 from dolfinx_frontend.formats.hdf5 import LayoutError, Tree
 from dolfinx_frontend.formats.layout import Group
@@ -50,10 +52,10 @@ class _Contents:
         self.samples: Shape = ()
         self.grid: Shape = ()
         if "germs" in file or (self.kind == "samples"):
-            self.samples = (len(file.numbers("germs", None, None)),)
+            self.samples = (len(file.numbers("germs", None, None, finite=True)),)
         if self.kind == "sweep":
             axes = file.group("axes")
-            lengths = [len(axes.numbers(name, None)) for name in axes]
+            lengths = [len(axes.numbers(name, None, finite=True)) for name in axes]
             self.grid, self.samples = tuple(lengths), (math.prod(lengths),)
             if not self.grid:
                 raise LayoutError("axes is empty, a sweep has some")
@@ -93,7 +95,7 @@ class _Contents:
         if "place" in file:
             file.text("place")
         if "weights" in file:
-            file.numbers("weights", count)
+            file.numbers("weights", count, finite=True)
         if "points" in file or (self.grid and self.meshes):
             points = file.group("points")
             points.texts("status", count)
@@ -112,7 +114,7 @@ class _Contents:
             raise LayoutError(f"{node.place('nodes')} has shape {nodes.shape}, (nodes, 2 or 3) is wanted")
         field = (*self.steps, *nodes.shape)
         if self.without is None:
-            node.numbers("displacement", *(self.samples if self.kind == "sweep" else ()), *field)
+            self._check_displacement(node, field)
             if self.kind == "samples":
                 node.entry("deviation")
             if self.meshes:
@@ -121,6 +123,18 @@ class _Contents:
             node.numbers("deviation", *field)
         if "mesh" in node:
             self._check_mesh(node.group("mesh"), len(nodes), nodes.shape[1])
+
+    def _check_displacement(self, node: Group, field: Shape) -> None:
+        """Finite where the run has arrived."""
+        lead = self.samples if self.kind == "sweep" else ()
+        found = node.numbers("displacement", *lead, *field)
+        converged = self.file.text("status") == "converged"
+        if lead and "points" in self.file:
+            found = found[np.array(self.file.group("points").texts("status")) == "converged"]
+        elif not converged:
+            return
+        if not np.isfinite(found).all():
+            raise LayoutError(f"{node.place('displacement')} has numbers that are not finite")
 
     def _check_mesh(self, mesh: Group, nodes: int, dim: int) -> None:
         known = [name for name, cell in CELLS.items() if cell.dim == dim]

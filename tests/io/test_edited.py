@@ -264,6 +264,7 @@ def test_what_is_missing_or_malformed_is_said(
         ("substructures/left/displacement", None, "substructures/left/displacement is missing"),
         ("substructures/left/mesh/tags", np.ones(4, dtype=int), "two faces have one name or one tag"),
         ("active", ["nowhere"], "active names 'nowhere', which is not in the file"),
+        ("substructures/left/displacement", np.full((4, 2), np.nan), "left/displacement has .* not finite"),
     ],
 )
 def test_places_are_named(place: str, new: Any, said: str, tmp_path: Path) -> None:
@@ -276,6 +277,31 @@ def test_places_are_named(place: str, new: Any, said: str, tmp_path: Path) -> No
     hdf5.seal(path, "latin-result")
     with pytest.raises(FileError, match=f"was edited: .*{said}.*save it again"):
         load(path)
+
+
+@pytest.mark.parametrize(
+    ("write", "place", "at"),
+    [
+        (grid, "axes/layer.friction", 0),
+        (grid, "substructures/left/displacement", 1),
+        (samples, "germs", 0),
+        (history, "substructures/left/displacement", 1),
+    ],
+)
+def test_numbers_that_are_none(write: Callable[[Path], None], place: str, at: int, tmp_path: Path) -> None:
+    path = tmp_path / "edited.h5"
+    write(path)
+    for value in (np.nan, np.inf):
+        with h5py.File(path, "r+") as file:
+            file[place][at] = value
+        hdf5.seal(path, "latin-result")
+        with pytest.raises(FileError, match=f"was edited: {place} has numbers that are not finite; save it"):
+            load(path)
+    if write is grid and place != "axes/layer.friction":  # where a point has not arrived nothing is known
+        with h5py.File(path, "r+") as file:
+            file["points/status"][at] = "diverged"
+        hdf5.seal(path, "latin-result")
+        assert load(path).point(0, at).status == "diverged"
 
 
 @pytest.mark.parametrize(("write", "at"), [(samples, (1,)), (grid, (0, 2))])
