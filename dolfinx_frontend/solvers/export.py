@@ -26,7 +26,7 @@ from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.files import FileError, made_folder, replaced
+from dolfinx_frontend.common.files import made_folder, replaced
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import Tree
 from dolfinx_frontend.formats.meshes import part_arrays
@@ -58,6 +58,8 @@ class _Matrices:
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._known = folder, dict[int, int]()
+        found = [int(each.stem) for each in (folder / "matrices").glob("*.petsc") if each.stem.isdecimal()]
+        self._first = max(found, default=-1) + 1  # those of an older problem stay until this one is whole
         self._kept: list[Any] = []  # so that no other object gets its identity
         self.files: list[str] = []
         self.checksums: list[str] = []
@@ -72,7 +74,7 @@ class _Matrices:
 
     def _write(self, matrix: Any) -> None:
         # not PETSc's viewer: it swaps the bytes of the matrix itself, and leaves them so on a full disk
-        name = f"matrices/{len(self.files):04d}.petsc"
+        name = f"matrices/{self._first + len(self.files):04d}.petsc"
         rows = matrix.tocsr() if sp.issparse(matrix) else csr(matrix)
         head = (_FILE_CLASSID, *rows.shape, rows.nnz)
         digest = hashlib.sha256()
@@ -114,7 +116,7 @@ def export(
     Parameters
     ----------
     folder
-        Made if it is not there; an exported problem in it is replaced.
+        Made if it is not there; an exported problem in it is replaced once this one is complete.
     grid
         ``"interface.parameter"`` -> values: a sweep.
     method, chaos, times, active, direction, options, plan, indefinite
@@ -391,25 +393,25 @@ def _face(problem: Problem, shown: Shown, plan: Plan, more: Tree) -> Tree:
 
 
 def _write(folder: Path, described: bridge.Description, tree: Tree) -> None:
-    file = folder / "problem.h5"
+    """All or nothing: an older problem stays until this one is complete."""
     made_folder(folder / "matrices")
-    try:
-        file.unlink(missing_ok=True)  # its matrices are about to be others
-    except OSError as error:
-        raise FileError(f"{file} cannot be replaced ({error})") from error
+    kept = set((folder / "matrices").glob("*.petsc"))
     matrices = _Matrices(folder)
-    bodies = [_body_tree(body, matrices) for body in described.bodies]
-    interfaces = [
-        _interface_tree(each, described.fields[each["name"]].kind, matrices)
-        for each in described.interfaces
-    ]
-    tree = tree | {
-        "bodies": _numbered(bodies),
-        "interfaces": _numbered(interfaces),
-        "matrices": {"files": matrices.files, "sha256": matrices.checksums},
-    }
-    for stale in set((folder / "matrices").glob("*.petsc")) - {folder / name for name in matrices.files}:
-        with contextlib.suppress(OSError):  # nobody reads it
-            stale.unlink()
-    with replaced(file) as temporary:
-        hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
+    try:
+        bodies = [_body_tree(body, matrices) for body in described.bodies]
+        interfaces = [
+            _interface_tree(each, described.fields[each["name"]].kind, matrices)
+            for each in described.interfaces
+        ]
+        tree = tree | {
+            "bodies": _numbered(bodies),
+            "interfaces": _numbered(interfaces),
+            "matrices": {"files": matrices.files, "sha256": matrices.checksums},
+        }
+        with replaced(folder / "problem.h5") as temporary:
+            hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
+        kept = {folder / name for name in matrices.files}
+    finally:
+        for stale in set((folder / "matrices").glob("*.petsc")) - kept:
+            with contextlib.suppress(OSError):  # nobody reads it
+                stale.unlink()

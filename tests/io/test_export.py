@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import dolfinx_frontend as lt
+from dolfinx_frontend.formats import hdf5
 from tests.verification.scenes import demo
 
 h5py = pytest.importorskip("h5py")
@@ -223,6 +224,28 @@ def refused(done: subprocess.CompletedProcess[str]) -> str:
     assert done.returncode == 1, (done.returncode, done.stdout, done.stderr[-2000:])
     assert done.stderr.startswith("latin_run: ") and done.stderr.count("\n") == 1, done.stderr[-2000:]
     return done.stderr
+
+
+def test_an_older_problem_stays_until_the_new_one_is_whole(
+    elastic: lt.Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = elastic.export(tmp_path / "folder", "accelerated")
+    before = {each: each.read_bytes() for each in folder.rglob("*") if each.is_file()}
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    other = lt.assemble(blocks(count=2))
+    with monkeypatch.context() as patch:
+        patch.setattr(hdf5, "write_tree", full)
+        with pytest.raises(lt.io.FileError, match="No space left on device"):
+            other.export(folder, "accelerated")
+    assert {each: each.read_bytes() for each in folder.rglob("*") if each.is_file()} == before
+    same(lt.solve(elastic, "accelerated"), solved(folder))
+    # and the new one leaves nothing of it
+    other.export(folder, "accelerated")
+    same(lt.solve(other, "accelerated"), solved(folder))
+    assert not {each for each in before if each.suffix == ".petsc"} & set(folder.rglob("*"))
 
 
 def test_wrong_calls(elastic: lt.Problem, tmp_path: Path) -> None:
