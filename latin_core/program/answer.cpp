@@ -222,11 +222,12 @@ struct Points {
 }  // namespace
 
 Outcome solve_once(const Folder& folder, const std::filesystem::path& target) {
-  const substructure::Laws laws = folder.laws();
+  const substructure::Laws laws = folder.named([&] { return folder.laws(); });
   const Matrix amplitudes = folder.amplitudes();
-  const iteration::Options options = folder.options();
+  const iteration::Options options = folder.named([&] { return folder.options(); });
   State state;
-  const Summary summary = iteration::solve(laws, options, amplitudes, state, {}, {});
+  const Summary summary =
+      folder.named([&] { return iteration::solve(laws, options, amplitudes, state, {}, {}); });
 
   const Communicator& communicator = folder.communicator();
   Gathered interfaces(communicator);
@@ -264,22 +265,24 @@ Outcome solve_once(const Folder& folder, const std::filesystem::path& target) {
 
 Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
                     const std::filesystem::path& target, bool displacements) {
-  const substructure::Laws laws = folder.laws();
+  const substructure::Laws laws = folder.named([&] { return folder.laws(); });
   const Matrix amplitudes = folder.amplitudes();
-  const iteration::Options options = folder.options();
+  const iteration::Options options = folder.named([&] { return folder.options(); });
   Points points(request);
   iteration::Beginning beginning;  // as Python has one: the same digits
-  iteration::sweep(
-      laws, options, amplitudes, request.parameters, request.order, {}, {}, {},
-      [&](Index point, const substructure::Laws& of_point, const Summary& summary,
-          const State& state) {
-        std::vector<Gathered::Field> of_parts;
-        if (displacements) {
-          of_parts = part_fields(of_point, state, amplitudes);
-        }
-        points.add(point, summary, interface_fields(of_point, state), of_parts);
-      },
-      {}, &beginning);
+  folder.named([&] {
+    iteration::sweep(
+        laws, options, amplitudes, request.parameters, request.order, {}, {}, {},
+        [&](Index point, const substructure::Laws& of_point, const Summary& summary,
+            const State& state) {
+          std::vector<Gathered::Field> of_parts;
+          if (displacements) {
+            of_parts = part_fields(of_point, state, amplitudes);
+          }
+          points.add(point, summary, interface_fields(of_point, state), of_parts);
+        },
+        {}, &beginning);
+  });
 
   const Communicator& communicator = folder.communicator();
   Gathered interfaces(communicator);

@@ -19,6 +19,7 @@
 namespace latin::program {
 namespace {
 
+constexpr Index most_points = 10'000'000;       ///< of a grid: some GB
 constexpr std::int32_t petsc_matrix = 1211216;  ///< what a file of a matrix begins with
 
 /// Numbers of a file, which has the most significant byte first.
@@ -205,6 +206,18 @@ SparseRows Folder::matrix(Index number) const {
     throw InputError(path.string() + " is truncated or damaged: its checksum is another one");
   }
   return read_matrix(path);
+}
+
+void Folder::check_target(const std::filesystem::path& target) const {
+  check_writable(target);
+  std::vector<std::string> own = files_;
+  own.emplace_back("problem.h5");
+  for (const std::string& each : own) {
+    std::error_code failed;
+    if (std::filesystem::equivalent(target, folder_ / each, failed)) {
+      throw InputError(target.string() + " is a file of the problem itself: give --output another");
+    }
+  }
 }
 
 SparseRows Folder::trace(Index number) const { return matrix(number).pruned(); }
@@ -443,6 +456,14 @@ SweepRequest grid(const std::vector<std::string>& axes) {
     }
     shape.push_back(static_cast<Index>(values.size()));
     request.axes.emplace_back(axis.substr(0, equals), std::move(values));
+  }
+  Index points = 1;
+  for (const Index length : shape) {
+    points *= length;
+    if (points > most_points) {
+      throw InputError("--sweep: more than " + std::to_string(most_points) +
+                       " points: give fewer values, and run it again for the others");
+    }
   }
   request.order = iteration::snake_order(shape);
   request.points = static_cast<Index>(request.order.size());

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "latin/common/communicator.hpp"
+#include "latin/common/error.hpp"
 #include "latin/iteration/options.hpp"
 #include "latin/iteration/sweep.hpp"
 #include "latin/substructure/laws.hpp"
@@ -44,6 +45,22 @@ class Folder {
   [[nodiscard]] bool has_sweep() const { return root_.has("sweep"); }
   [[nodiscard]] SweepRequest sweep() const;
   [[nodiscard]] const Node& root() const { return root_; }
+  /// @throws InputError if a file for the answer cannot be written, or is one of this folder
+  void check_target(const std::filesystem::path& target) const;
+  /// What a function returns; an InputError of it names the file.
+  template <class Function>
+  auto named(const Function& read) const {
+    try {
+      return read();
+    } catch (const InputError& error) {
+      const std::string text = error.what();
+      if (text.find(root_.place()) != std::string::npos ||
+          text.find((folder_ / "matrices").string()) != std::string::npos) {
+        throw;
+      }
+      throw InputError(root_.place() + ": " + text);
+    }
+  }
   [[nodiscard]] const Communicator& communicator() const { return communicator_; }
 
  private:

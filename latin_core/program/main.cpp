@@ -3,12 +3,15 @@
 
 #include <petscsys.h>
 
+#include <algorithm>
 #include <array>
+#include <cctype>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
+#include <new>
 #include <optional>
 #include <string>
 #include <thread>
@@ -41,6 +44,29 @@ struct Request {
   std::vector<std::string> axes;
   bool displacements = false;
 };
+
+/// The file that a link leads to: a link that is named stays one.
+/// @throws InputError if it leads nowhere
+std::filesystem::path file_of(std::filesystem::path path) {
+  constexpr int most_links = 40;
+  const std::filesystem::path given = path;
+  std::error_code failed;
+  for (int i = 0; i < most_links; ++i) {
+    if (!std::filesystem::is_symlink(path, failed)) {
+      return path;
+    }
+    path = path.parent_path() / std::filesystem::read_symlink(path, failed);
+  }
+  throw latin::InputError(
+      given.string() +
+      " cannot be written: it is a link that leads back to itself: give another file");
+}
+
+/// A message in one line: names in a file may have several.
+std::string one_line(std::string text) {
+  std::ranges::replace_if(text, [](unsigned char each) { return std::iscntrl(each) != 0; }, ' ');
+  return text;
+}
 
 /// @return nothing if help is wanted  @throws InputError
 std::optional<Request> request_of(const std::vector<std::string>& arguments) {
@@ -75,7 +101,10 @@ std::optional<Request> request_of(const std::vector<std::string>& arguments) {
     throw latin::InputError("give the folder that problem.export has made: latin_run FOLDER");
   }
   if (request.output.empty()) {
-    request.output = request.folder / "result.h5";
+    request.output =
+        request.folder / "result.h5";  // a link there may be a stranger's: it is replaced
+  } else {
+    request.output = file_of(request.output);
   }
   return request;
 }
@@ -93,6 +122,11 @@ int run(const std::vector<std::string>& arguments, const latin::Communicator& co
     latin::bound_threads(communicator);
   }
   const latin::program::Folder folder(request->folder, communicator);
+  communicator.together([&] {
+    if (communicator.rank() == 0) {
+      folder.check_target(request->output);
+    }
+  });
   const bool sweeps = !request->axes.empty() || folder.has_sweep();
   const latin::program::Outcome outcome =
       !sweeps ? latin::program::solve_once(folder, request->output)
@@ -155,8 +189,10 @@ int main(int argc, char** argv) {
     try {
       latin::check_mpi(MPI_Comm_dup(PETSC_COMM_WORLD, &own), "MPI_Comm_dup");
       code = run(arguments, communicator);
+    } catch (const std::bad_alloc&) {
+      failure = "there is not enough memory: run it on more ranks, or make the problem smaller";
     } catch (const std::exception& error) {
-      failure = error.what();
+      failure = one_line(error.what());
     }
     // what fails, fails on all ranks, and the first says what it was
     const bool known = all_end(own, !failure.empty());

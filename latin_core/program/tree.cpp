@@ -1,5 +1,7 @@
 #include "tree.hpp"
 
+#include <unistd.h>
+
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -330,6 +332,24 @@ std::vector<std::string> Node::texts(const std::string& name) const {
 }
 
 // --- writing -----------------------------------------------------------------------------------------
+
+void check_writable(const std::filesystem::path& target) {
+  const auto refuse = [&target](const std::string& why) {
+    return InputError(target.string() + " cannot be written: " + why + ": give another file");
+  };
+  std::error_code failed;
+  const std::filesystem::file_status before = std::filesystem::symlink_status(target, failed);
+  if (std::filesystem::is_directory(before)) {
+    throw refuse("it is a folder");
+  }
+  if (!std::filesystem::is_regular_file(before)) {
+    if (std::filesystem::exists(before) && !std::filesystem::is_symlink(before)) {
+      throw refuse("it is a pipe, a socket or a device, not a file");
+    }
+  } else if (access(target.c_str(), W_OK) != 0) {
+    throw refuse("it is write-protected");
+  }
+}
 
 Writer::Writer(std::filesystem::path target, std::string format, Index version)
     : target_(std::move(target)), format_(std::move(format)) {

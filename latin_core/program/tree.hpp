@@ -91,6 +91,9 @@ class Node {
   std::size_t file_size_ = 0;
 };
 
+/// @throws InputError if what is there is no file or link, or is write-protected
+void check_writable(const std::filesystem::path& target);
+
 /// A file that is written: beside its place, and moved there by finish().
 class Writer {
  public:

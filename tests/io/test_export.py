@@ -248,6 +248,52 @@ def test_an_older_problem_stays_until_the_new_one_is_whole(
     assert not {each for each in before if each.suffix == ".petsc"} & set(folder.rglob("*"))
 
 
+def test_what_an_answer_may_replace(elastic: lt.Problem, tmp_path: Path) -> None:
+    """As what Python writes: a file, or the one that a link leads to; nothing of the problem."""
+    folder = elastic.export(tmp_path / "folder", "accelerated")
+    pipe, link, circle, victim = (tmp_path / name for name in ("pipe", "link", "circle", "victim"))
+    os.mkfifo(pipe)
+    victim.write_text("old")
+    link.symlink_to("victim")
+    circle.symlink_to(circle)
+    (tmp_path / "own").symlink_to(folder / "problem.h5")
+    (tmp_path / "new").symlink_to("made.h5")
+    before = (folder / "problem.h5").read_bytes()
+    matrix = next((folder / "matrices").iterdir())
+    for target, said in (
+        (pipe, "it is a pipe, a socket or a device"),
+        (tmp_path, "it is a folder"),
+        (circle, "leads back to itself"),
+        (folder / "problem.h5", "is a file of the problem itself"),
+        (tmp_path / "own", "is a file of the problem itself"),
+        (matrix, "is a file of the problem itself"),
+    ):
+        assert said in refused(run(folder, "--output", str(target)))
+    assert pipe.is_fifo() and (folder / "problem.h5").read_bytes() == before
+    for name, file in (("link", victim), ("new", tmp_path / "made.h5")):
+        assert run(folder, "--output", str(tmp_path / name)).returncode == 0
+        assert (tmp_path / name).is_symlink() and lt.load(file).converged
+
+
+def test_errors_are_one_line_that_names_the_file(elastic: lt.Problem, tmp_path: Path) -> None:
+    folder = elastic.export(tmp_path / "folder", "accelerated")
+    path = folder / "problem.h5"
+    whole = path.read_bytes()
+    odd = (("interfaces/0", "law"), ("laws/parameters/0", "interface"), ("interfaces/0", "name"))
+    for place, name in odd:
+        path.write_bytes(whole)
+        with h5py.File(path, "r+") as file:
+            file[place].attrs[name] = "a\nb"
+        hdf5.seal(path, "latin-problem")
+        said = refused(run(folder))
+        assert str(path) in said and "a b" in said
+    path.write_bytes(whole)
+    assert "problem.h5: no active interface 'nothere'" in refused(run(folder, "--sweep", "nothere.normal=1"))
+    axes = [f"joint/{k}.{name}={','.join(['1'] * 3000)}" for k in (0, 1) for name in ("normal", "tangential")]
+    many = run(folder, *(each for axis in axes for each in ("--sweep", axis)))
+    assert "more than 10000000 points: give fewer values" in refused(many)
+
+
 def test_wrong_calls(elastic: lt.Problem, tmp_path: Path) -> None:
     elastic.export(tmp_path, "accelerated")
     assert "is no folder" in refused(run(tmp_path / "nothing"))
