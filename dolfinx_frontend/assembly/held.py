@@ -81,9 +81,8 @@ def check_determined(problem: Problem) -> None:
                 own[name] = other
     for name, other in problem.gather(own).items():
         warn(
-            f"interfaces {name!r} and {other!r} are rigid and lie on the same faces: what each of them "
-            f"carries once {name!r} is locked is not determined; give Preload the stiffness of the bolt, or "
-            "Contact one",
+            f"interfaces {name!r} and {other!r} are rigid on the same faces: what each carries once {name!r} "
+            "is locked is not determined; give Preload the stiffness of the bolt, or Contact one",
             SceneWarning,
         )
 
