@@ -30,9 +30,9 @@ from dolfinx_frontend.plan.plan import Plan, check_reach
 from dolfinx_frontend.plan.reduction import (
     Body,
     check_prescribed,
-    moments_of,
     count_bodies,
     factorised_stiffness,
+    moments_of,
     reduce,
 )
 from dolfinx_frontend.scene.amplitudes import Amplitude
