@@ -78,8 +78,10 @@ Vector TangentSystem::solve(const Matrix& tangent, const Vector& right) {
     }
     factorise(tangent);
   }
-  static_cast<void>(approach(tangent, right, most_products, answer));
-  return answer;
+  if (!approach(tangent, right, most_products, answer) && answer.isZero(0.0)) {
+    return solve_factorised(right);  // of a singular system: not finite
+  }
+  return answer;  // or near it: the next step goes on from there
 }
 
 bool TangentSystem::fits(const Matrix& tangent) const {
