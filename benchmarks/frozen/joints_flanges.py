@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -420,3 +422,19 @@ def strip_in_jaws(rtol: float) -> Any:
 )
 def strip_pulled_out_of_jaws(rtol: float) -> Any:
     return arrived(strap_in_jaws(lf.Amplitude([1, 2], [0, 3.6e3]), cells=4), rtol, [1.0, 1.5, 2.0])
+
+
+@scene("joints", right={"gasket@0": Right(-8 * 45e3, BALANCE, "balance of the upper flange")})
+def pipe_flange_of_35_parts(rtol: float) -> Any:
+    """The flange of the demo: eight studs with friction under their nuts, a gasket, then pressure."""
+    import flange_from_step as demo
+
+    shape = demo.FlangeShape()
+    with tempfile.TemporaryDirectory() as folder:
+        step = demo.read(demo.make_flange(Path(folder) / "flange.step", shape), shape, 24.0)
+        step.join("upper flange|upper nut *", lf.Contact(friction=0.12))
+        problem = lf.assemble(demo.loaded(step, step.mesh(), shape, lf.Amplitude((1.0, 2.0), (0.0, 1.0))))
+    problem = problem.with_laws({name: lf.Preload(demo.FORCE, until=1.0) for name in demo.BOLTS})
+    r = solved(problem, rtol, [1.0, 2.0])
+    normal = r.force(demo.SEAT)[:, :, 0] @ problem.interfaces[demo.SEAT].weights
+    return {"answer": r, "gasket@0": float(normal[0])}

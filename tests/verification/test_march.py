@@ -194,3 +194,27 @@ def test_a_thin_sheet_between_two_plates(modulus: float, friction: float) -> Non
     resultants = [result.problem.interfaces[n].weights @ result.force(n) for n in ("lower", "upper")]
     assert resultants[0] == pytest.approx(resultants[1], abs=1e-4 * abs(resultants[0][0]))
     assert abs(resultants[0][1:]).max() <= 1e-4 * abs(resultants[0][0])
+
+
+@pytest.mark.parametrize(("degree", "cell"), [(1, "hexahedron"), (2, "tetrahedron")])
+def test_what_no_displacement_sees_is_no_pressure(degree: int, cell: str) -> None:
+    """A pressed stack: 10 MPa everywhere on welds, beside friction that Newton's method solves."""
+    scene = lf.Scene()
+    for k in range(4):
+        box = geometry.box((20.0, 10.0, 5.0), (4, 2, 1), origin=(0.0, 0.0, 5.0 * k), cell=cell)
+        scene.substructure(f"p{k}", box, lf.LinearElastic(210e3, 0.0), degree=degree)
+    scene.interface("foot", "p0:z0", lf.Symmetry())
+    scene.interface("weld", "p0:z1", "p1:z0", lf.Perfect())
+    scene.interface("glue", "p1:z1", "p2:z0", lf.Perfect())
+    scene.interface("slide", "p2:z1", "p3:z0", lf.Contact(gap=0.0, friction=0.3))
+    scene.interface("side", "p0:x0", lf.Symmetry())
+    scene.interface("back", "p0:y0", lf.Symmetry())
+    scene.interface("guide", "p3:x0", lf.Symmetry())
+    scene.pressure("p3:z1", lf.Amplitude([0.0, 1.0, 2.0], [0.0, 10.0, 5.0]) * 1.0)
+    result = lf.solve(
+        lf.assemble(scene), active="all", times=[1.0, 2.0], options=lf.Options(rtol=1e-8), progress=False
+    )
+    assert result.converged
+    for name in ("foot", "weld", "glue", "slide"):
+        for step, pressure in enumerate((10.0, 5.0)):
+            assert result.force(name)[step, :, 0] == pytest.approx(-pressure, rel=1e-6)

@@ -64,6 +64,14 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool
   softens_ = system_.follow_first(softening_.size() > 0 && softening_.maxCoeff() > 0.0);
 }
 
+/// What the loads of a column alone leave out of balance.
+Vector Newton::loads_of(Index index) const {
+  const Vector none = Vector::Zero(system_.directions().size());
+  return started(index, Vector::Zero(own_.size()), none,
+                 system_.traces(none, amplitudes_.col(index)).col(0))
+      .start.loads;
+}
+
 /// Jumps that the loads alone leave, where no interface pushes and nothing moves as a whole.
 double Newton::reach_of_loads(const State& state) {
   State none{Matrix::Zero(state.data.rows(), state.data.cols()), state.traces};
@@ -167,10 +175,11 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
   const bool later = index % system_.laws().steps() > 0;
   // of a step that nobody has looked at nothing is known (that zero answers its loads is not the way of the history),
   // nor of one that has flown away
-  const bool known = reach(column.jump) <= std::max(far_, farthest * reach(last_.jump)) &&
-                     (!(later && remembers_) || !state.data.col(index).isZero(0.0));
-  if (system_.follow_first(known) && column.norm < close * scale_ &&
-      attempt(column, tolerance, {}, steps)) {
+  const bool near = system_.follow_first(column.norm < close * scale_);
+  const bool known =
+      system_.follow_first(!(later && remembers_) || !state.data.col(index).isZero(0.0)) &&
+      (!gone(column) || (near && hangs(column, loads_of(index))));
+  if (known && near && attempt(column, tolerance, {}, steps)) {
     commit(state, column);
     return true;
   }
@@ -178,6 +187,10 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
   const Column of_own = column;
   if (later) {
     state.data.col(index) = state.data.col(index - 1);
+  } else if (!known) {
+    state.data.col(index).setZero();
+  }
+  if (later || !known) {
     apply(state, index);
     column = begin(state, index);
   }

@@ -523,6 +523,7 @@ void Run::finish(Status status) {
   if (!stages_.exact()) {
     stages_.refresh(state_);
   }
+  structure_.seen_forces().keep(state_.data, state_.traces);
   // what the bodies' factors leave is no part of the iteration, but of the error
   const double bearable = bearable_rounding * options_.rtol;
   const bool was_small = error_.largest(summary_.errors) <= bearable;

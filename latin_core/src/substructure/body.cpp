@@ -24,6 +24,11 @@ namespace {
 
 using algebra::multiply_sparse;
 
+/// A factor of n numbers takes about n^1.4 operations (grids, in three dimensions).
+constexpr double operations_of_numbers = 1.4;
+/// Columns of a product with a triangle that are made together.
+constexpr Index columns_of_product = 64;
+
 /// Seconds since the last time it was asked.
 class Watch {
  public:
@@ -434,9 +439,6 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   }
   stiffest_ = stiffest_of(description, jumps);
   keep_stretches(description, lower, options);
-  if (keeps && lower_.size() == 0) {
-    lower_ = lower;
-  }
   for (Member& member : description.members) {
     offsets_.push_back(std::move(member.offset));
   }
@@ -461,6 +463,9 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     origin_ = nullptr;
   }
   keep_loads(loads, sides);
+  if (keeps && lower_.size() == 0 && !condensed_is_less()) {
+    lower_ = lower;
+  }
   response_ = respond({});
   cost_.condense_s = watch.lap();
 }
@@ -601,6 +606,28 @@ std::shared_ptr<const Body> Body::with_factors(const std::vector<Vector>& factor
   body->condensed_ = condensed() && body->factor_->condenses();
   body->response_ = body->respond({});
   return body;
+}
+
+double BodyCost::operations() const { return std::pow(factor_numbers, operations_of_numbers); }
+
+bool Body::condensed_is_less() const {
+  const auto active = static_cast<double>(active_);
+  return condensed_ && active * active * active / 3.0 <= cost_.operations();
+}
+
+SparseRows Body::kept_operator() const {
+  if (!condensed_is_less()) {
+    return lower_;
+  }
+  const Matrix factor = condensed_factor().triangularView<Eigen::Lower>();
+  Matrix product = Matrix::Zero(active_, active_);
+  for (Index first = 0; first < active_; first += columns_of_product) {
+    const Index some = std::min(columns_of_product, active_ - first);
+    product.block(first, first, active_ - first, some) =
+        factor.bottomLeftCorner(active_ - first, first + some) *
+        factor.block(first, 0, some, first + some).transpose();
+  }
+  return Matrix(product.triangularView<Eigen::Lower>()).sparseView();
 }
 
 /// Unknowns that an active side touches go last, so that the factorisation condenses onto them.

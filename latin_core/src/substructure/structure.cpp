@@ -19,8 +19,6 @@ namespace {
 
 /// Motions of a body that its sides see by less, relative to what they see most, are not known.
 constexpr double unseen = 1e-6;
-/// A factor of n numbers takes about n^1.4 operations (grids, in three dimensions).
-constexpr double operations_of_numbers = 1.4;
 
 void check_side(const InterfaceDescription& interface, const SideDescription& side) {
   if (side.direction.size() != interface.frames.rows()) {
@@ -336,7 +334,7 @@ void Structure::connect() {
   for (const Body& body : bodies_) {
     const auto active = static_cast<double>(body.active());
     const double numbers = body.cost().factor_numbers;
-    sums[1] += std::pow(numbers, operations_of_numbers);
+    sums[1] += body.cost().operations();
     sums[2] += active * active * active;
     sums[2] += body.condensed() ? 0.0 : 2.0 * active * numbers;
   }
@@ -578,6 +576,10 @@ bool Structure::has_flexibility() const {
   numbers = communicator_.sum(numbers);
   const auto unknowns = static_cast<double>(total_unknowns_);
   return memory_limit_ <= 0.0 || 8.0 * (numbers + unknowns * unknowns) <= memory_limit_;
+}
+
+const SeenForces& Structure::seen_forces() const {
+  return seen_forces_.get([this] { return SeenForces(*this); });
 }
 
 const Flexibility& Structure::flexibility() const {

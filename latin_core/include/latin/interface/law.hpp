@@ -90,6 +90,8 @@ class LATIN_SHARED Law {
   [[nodiscard]] virtual bool linear() const { return false; }
   /// Whether the law is known to have one answer for every flexibility, and one that is cheap to ask for.
   [[nodiscard]] virtual bool monotone() const { return linear(); }
+  /// Whether nothing but equilibrium determines its forces, as the jump is prescribed or the force uniform.
+  [[nodiscard]] virtual bool prescribes_jumps() const { return false; }
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
   /// Numbers that the law keeps at a point from one column of a history to the next, for resolve_column().

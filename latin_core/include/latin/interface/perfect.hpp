@@ -16,6 +16,7 @@ class PerfectLaw final : public Law {
     return std::make_unique<PerfectLaw>();
   }
   [[nodiscard]] bool linear() const override { return true; }
+  [[nodiscard]] bool prescribes_jumps() const override { return true; }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
   [[nodiscard]] bool slopes(const LocalProblem& problem, Index column, ConstMatrixRef memory,
                             MatrixRef slopes) const override;

@@ -100,6 +100,9 @@ class PointwiseLawAdapter final : public Law {
     }
     return knows_slopes;
   }
+  [[nodiscard]] bool prescribes_jumps() const override {
+    return requires { L::prescribes_jumps; };
+  }
   [[nodiscard]] bool monotone() const override {
     if constexpr (requires { L::monotone; }) {
       return L::monotone;

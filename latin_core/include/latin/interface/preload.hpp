@@ -22,6 +22,7 @@ namespace latin::interface {
 struct Preload {
   static constexpr const char* name = "preload";
   static constexpr bool monotone = true;
+  static constexpr bool prescribes_jumps = true;
   static constexpr std::array parameters{Parameter{"force"}, Parameter{"locked", -1.0},
                                          Parameter{"slack"}, Parameter{"compliance", 0.0}};
   static constexpr std::size_t memory = 1;

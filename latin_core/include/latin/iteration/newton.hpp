@@ -84,6 +84,7 @@ class Newton {
   };
   NewtonOutcome solve_all(State& state, double tolerance, Index most);
   [[nodiscard]] double size_of_forces(const Matrix& data, const Matrix& traces) const;
+  [[nodiscard]] Vector loads_of(Index index) const;
   [[nodiscard]] double reach_of_loads(const State& state);
   [[nodiscard]] Column begin(const State& state, Index index);
   /// With given forces, not evaluated.

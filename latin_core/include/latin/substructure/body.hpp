@@ -79,6 +79,9 @@ struct BodyCost {
   double condense_s = 0.0;
   double factor_numbers = 0.0;  ///< doubles in the sparse factor
   double dense_numbers = 0.0;   ///< doubles in the condensed block
+
+  /// Operations of the sparse factor: those of meshes go with this power of its numbers.
+  [[nodiscard]] double operations() const;
 };
 
 /// What a body answers to its load patterns alone, and to forces that were added to them.
@@ -138,11 +141,14 @@ class Body {
   [[nodiscard]] bool condensed() const { return condensed_; }
   /// L of the Schur complement on the active unknowns of a condensed body: the lower triangle, a part of its factor.
   [[nodiscard]] MatrixView condensed_factor() const { return factor_->trailing_factor(); }
-  /// Lower triangle of the operator, with the springs k: kept where that is asked for.
-  [[nodiscard]] const SparseRows& kept_operator() const { return lower_; }
-  [[nodiscard]] bool keeps_operator() const { return lower_.rows() > 0; }
-  /// Traces of all unknowns, (rows, n_body).
-  [[nodiscard]] const SparseRows& traces() const { return traces_; }
+  /// Lower triangle of the operator, with the springs k, as a system of several bodies takes it: of the active unknowns
+  /// where these are less work to factorise, else of all, if that was to be kept.
+  [[nodiscard]] SparseRows kept_operator() const;
+  [[nodiscard]] bool keeps_operator() const { return condensed_is_less() || lower_.rows() > 0; }
+  /// Traces of the unknowns of that, (rows, kept).
+  [[nodiscard]] const SparseRows& kept_traces() const {
+    return condensed_is_less() ? active_traces_ : traces_;
+  }
   /// Traces of the active unknowns, (rows, active).
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
@@ -256,6 +262,7 @@ class Body {
     Matrix jump_energy;    ///< (Delta - B0)^T kappa (Delta - B0) - B0^T kappa B0
   };
   // what the constructor does, in this order
+  [[nodiscard]] bool condensed_is_less() const;
   void order_active_last(const std::vector<BodySide>& sides);
   void stack_sides(const std::vector<BodySide>& sides);
   [[nodiscard]] Loads assemble_loads(const BodyDescription& description,

@@ -13,6 +13,7 @@
 #include "latin/substructure/flexibility.hpp"
 #include "latin/substructure/macro.hpp"
 #include "latin/substructure/pair.hpp"
+#include "latin/substructure/seen_forces.hpp"
 
 namespace latin::substructure {
 
@@ -156,6 +157,8 @@ class Structure {
   [[nodiscard]] bool has_flexibility() const;
   /// Dense flexibility of the interfaces, made when first asked for, which is collective.
   [[nodiscard]] const Flexibility& flexibility() const;
+  /// Made when first asked for, which is collective.
+  [[nodiscard]] const SeenForces& seen_forces() const;
 
  private:
   /// Where a substructure is; body and position among its members on its own rank only.
@@ -212,6 +215,7 @@ class Structure {
   double memory_limit_;  ///< bytes of a dense block; 0: none
   Lazy<Macro> macro_;
   Lazy<Flexibility> flexibility_;
+  Lazy<SeenForces> seen_forces_;
 };
 
 }  // namespace latin::substructure
