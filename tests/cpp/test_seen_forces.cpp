@@ -72,7 +72,7 @@ TEST(SeenForces, ForcesThatNothingSeesAreNone) {
   const Vector weights = structure.weights().head(points);
   // orthogonal to constants and to lines
   Matrix seen(points, 2);
-  seen << SparseRows(line());
+  seen = Matrix(line());
   const Matrix gram = seen.transpose() * weights.asDiagonal() * seen;
   Vector force = Vector::Unit(points, 0);
   force -= seen * gram.ldlt().solve(seen.transpose() * weights.cwiseProduct(force));

@@ -464,7 +464,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   }
   keep_loads(loads, sides);
   if (keeps && lower_.size() == 0 && !condensed_is_less()) {
-    lower_ = lower;
+    lower_ = SparseColumns(lower);  // which sorts the columns of every row
   }
   response_ = respond({});
   cost_.condense_s = watch.lap();
