@@ -68,7 +68,7 @@ SparseRows SeenForces::side(std::size_t interface, std::size_t side) const {
   const SparseRows rows = all.middleRows(first - firsts[b], of.size());
   // what frames leave of a component that is none would be a displacement of its own
   const double least = rows.nonZeros() > 0 ? rounding * rows.coeffs().abs().maxCoeff() : 0.0;
-  std::map<int, int> numbers;
+  std::map<Index, int> numbers;
   Triplets entries;
   for (Index row = 0; row < of.size(); ++row) {
     for (SparseRows::InnerIterator it(rows, row); it; ++it) {
