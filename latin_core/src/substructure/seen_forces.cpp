@@ -25,46 +25,16 @@ void append(const SparseRows& traces, Index first, Triplets& entries) {
   }
 }
 
-}  // namespace
-
-SeenForces::SeenForces(const Structure& structure) : structure_(structure) {
-  const std::vector<SparseRows> elsewhere = sides_elsewhere();
-  for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
-    const ActiveInterface& interface = structure.interface(i);
-    if (!interface.geometry.law->prescribes_jumps()) {
-      continue;
-    }
-    Face face;
-    Triplets entries;
-    Index columns = 0;
-    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
-      const bool here = interface.rows[s] >= 0;
-      if (here) {
-        face.sign = !face.rows.empty() ? face.sign : s == 0 ? 1.0 : -1.0;
-        face.rows.push_back(interface.rows[s]);
-      }
-      const SparseRows traces = here ? side(i, s) : elsewhere[i];
-      append(traces, columns, entries);
-      columns += traces.cols();
-    }
-    if (columns > 0) {
-      face.roots = structure.weights().segment(face.rows.front(), interface.size()).cwiseSqrt();
-      face.traces =
-          face.roots.asDiagonal() * algebra::sparse_of(entries, interface.size(), columns, what);
-      faces_.push_back(std::move(face));
-    }
-  }
-}
-
-SparseRows SeenForces::side(std::size_t interface, std::size_t side) const {
-  const ActiveInterface& of = structure_.interface(interface);
-  const std::vector<Index>& firsts = structure_.body_rows();
+/// T of one side of a face, (size, displacements that are not zero on it).
+SparseRows side_of(const Structure& structure, std::size_t interface, std::size_t side) {
+  const ActiveInterface& of = structure.interface(interface);
+  const std::vector<Index>& firsts = structure.body_rows();
   const Index first = of.rows[side];
   auto b = static_cast<std::size_t>(std::ranges::upper_bound(firsts, first) - firsts.begin()) - 1;
-  while (structure_.bodies()[b].rows() == 0) {
+  while (structure.bodies()[b].rows() == 0) {
     --b;
   }
-  const SparseRows& all = structure_.bodies()[b].active_traces();
+  const SparseRows& all = structure.bodies()[b].active_traces();
   const SparseRows rows = all.middleRows(first - firsts[b], of.size());
   // what frames leave of a component that is none would be a displacement of its own
   const double least = rows.nonZeros() > 0 ? rounding * rows.coeffs().abs().maxCoeff() : 0.0;
@@ -84,17 +54,17 @@ SparseRows SeenForces::side(std::size_t interface, std::size_t side) const {
 }
 
 /// Of every interface the side on another rank, which both swap.
-std::vector<SparseRows> SeenForces::sides_elsewhere() const {
-  std::vector<SparseRows> sides(structure_.interfaces().size());
-  const Communicator& communicator = structure_.communicator();
+std::vector<SparseRows> sides_elsewhere(const Structure& structure) {
+  std::vector<SparseRows> sides(structure.interfaces().size());
+  const Communicator& communicator = structure.communicator();
   if (communicator.alone()) {
     return sides;
   }
   std::vector<double> mine;
   communicator.together([&] {
-    for (const std::size_t i : structure_.shared_interfaces()) {
-      const ActiveInterface& interface = structure_.interface(i);
-      const SparseRows own = side(i, interface.here());
+    for (const std::size_t i : structure.shared_interfaces()) {
+      const ActiveInterface& interface = structure.interface(i);
+      const SparseRows own = side_of(structure, i, interface.here());
       mine.insert(mine.end(),
                   {static_cast<double>(interface.away.rank), static_cast<double>(own.nonZeros()),
                    static_cast<double>(own.cols())});
@@ -109,8 +79,8 @@ std::vector<SparseRows> SeenForces::sides_elsewhere() const {
   const std::vector<std::vector<double>> all = communicator.gather(mine);
   std::vector<const double*> next;
   std::ranges::transform(all, std::back_inserter(next), [](const auto& of) { return of.data(); });
-  for (const std::size_t i : structure_.shared_interfaces()) {
-    const ActiveInterface& interface = structure_.interface(i);
+  for (const std::size_t i : structure.shared_interfaces()) {
+    const ActiveInterface& interface = structure.interface(i);
     const double*& from = next[static_cast<std::size_t>(interface.away.rank)];
     while (static_cast<int>(from[0]) != communicator.rank()) {
       from += 3 + 3 * static_cast<std::ptrdiff_t>(from[1]);
@@ -126,10 +96,40 @@ std::vector<SparseRows> SeenForces::sides_elsewhere() const {
   return sides;
 }
 
+}  // namespace
+
+SeenForces::SeenForces(const Structure& structure) {
+  const std::vector<SparseRows> elsewhere = sides_elsewhere(structure);
+  for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
+    const ActiveInterface& interface = structure.interface(i);
+    if (!interface.geometry.law->prescribes_jumps()) {
+      continue;
+    }
+    Face face;
+    Triplets entries;
+    Index columns = 0;
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      const bool here = interface.rows[s] >= 0;
+      if (here) {
+        face.rows.push_back(interface.rows[s]);
+      }
+      const SparseRows traces = here ? side_of(structure, i, s) : elsewhere[i];
+      append(traces, columns, entries);
+      columns += traces.cols();
+    }
+    if (columns > 0) {
+      face.directions = structure.directions().segment(face.rows.front(), interface.size());
+      face.roots = structure.weights().segment(face.rows.front(), interface.size()).cwiseSqrt();
+      face.traces =
+          face.roots.asDiagonal() * algebra::sparse_of(entries, interface.size(), columns, what);
+      faces_.push_back(std::move(face));
+    }
+  }
+}
+
 void SeenForces::keep(MatrixRef data, ConstMatrixRef traces) const {
   for (const Face& face : faces_) {
     const Index size = face.roots.size();
-    const auto k = structure_.directions().segment(face.rows.front(), size);
     Eigen::LeastSquaresConjugateGradient<SparseRows> projection;
     projection.setMaxIterations(most_steps);
     projection.compute(face.traces);
@@ -137,7 +137,7 @@ void SeenForces::keep(MatrixRef data, ConstMatrixRef traces) const {
     for (Index column = 0; column < data.cols(); ++column) {
       const Vector force = face.roots.cwiseProduct(
           data.col(column).segment(face.rows.front(), size) -
-          k.cwiseProduct(traces.col(column).segment(face.rows.front(), size)));
+          face.directions.cwiseProduct(traces.col(column).segment(face.rows.front(), size)));
       const double seen = (face.traces.transpose() * force).norm();
       const double unseen = rounding * (sizes.transpose() * force.cwiseAbs()).norm();
       Vector left = force;

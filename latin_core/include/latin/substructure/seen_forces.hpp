@@ -16,7 +16,7 @@ class Structure;
 /// pressures at points do not depend on the way to them.
 class SeenForces {
  public:
-  /// Collective. @param structure must outlive this object
+  /// Collective.
   explicit SeenForces(const Structure& structure);
 
   /// Leave out of the forces f = s - k w what nothing sees. Displacements stay.
@@ -24,17 +24,12 @@ class SeenForces {
   void keep(MatrixRef data, ConstMatrixRef traces) const;
 
  private:
-  /// T of one side of a face, (size, displacements that are not zero on it).
-  [[nodiscard]] SparseRows side(std::size_t interface, std::size_t side) const;
-  [[nodiscard]] std::vector<SparseRows> sides_elsewhere() const;
-
   struct Face {
     std::vector<Index> rows;  ///< first of each side on this rank
-    double sign;              ///< of f on the first of these
+    Vector directions;        ///< k of the first of these
     Vector roots;             ///< of the weights, (size)
     SparseRows traces;        ///< (size, displacements of both sides), times these
   };
-  const Structure& structure_;
   std::vector<Face> faces_;
 };
 
