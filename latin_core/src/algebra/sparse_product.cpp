@@ -85,4 +85,35 @@ SparseRows sparse_of(const Triplets& entries, Index rows, Index columns, const s
   return matrix;
 }
 
+void append(const SparseRows& matrix, std::vector<double>& numbers) {
+  numbers.insert(numbers.end(),
+                 {static_cast<double>(matrix.rows()), static_cast<double>(matrix.cols()),
+                  static_cast<double>(matrix.nonZeros())});
+  const auto add = [&](const auto* first, Index count) {
+    numbers.insert(numbers.end(), first, first + count);
+  };
+  add(matrix.outerIndexPtr(), matrix.rows() + 1);
+  add(matrix.innerIndexPtr(), matrix.nonZeros());
+  add(matrix.valuePtr(), matrix.nonZeros());
+}
+
+SparseRows take(const double*& next) {
+  const auto count = [&] { return static_cast<Index>(*next++); };
+  const Index rows = count();
+  const Index columns = count();
+  const Index entries = count();
+  const auto indices = [&](Index many) {
+    std::vector<int> found(static_cast<std::size_t>(many));
+    std::transform(next, next + many, found.begin(), [](double n) { return static_cast<int>(n); });
+    next += many;
+    return found;
+  };
+  const std::vector<int> outer = indices(rows + 1);
+  const std::vector<int> inner = indices(entries);
+  SparseRows matrix =
+      Eigen::Map<const SparseRows>(rows, columns, entries, outer.data(), inner.data(), next);
+  next += entries;
+  return matrix;
+}
+
 }  // namespace latin::algebra

@@ -185,12 +185,12 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
   }
   const State own{state.data.col(index), state.traces.col(index)};
   const Column of_own = column;
-  if (later) {
-    state.data.col(index) = state.data.col(index - 1);
-  } else if (!known) {
-    state.data.col(index).setZero();
-  }
   if (later || !known) {
+    if (later) {
+      state.data.col(index) = state.data.col(index - 1);
+    } else {
+      state.data.col(index).setZero();
+    }
     apply(state, index);
     column = begin(state, index);
   }

@@ -36,57 +36,6 @@ constexpr Index most_solutions = 60;
 constexpr double held_by_nothing = 1e-3;
 constexpr const char* entries_of = "the structure of Newton's method";
 
-void append(const SparseRows& matrix, std::vector<double>& numbers) {
-  const auto rows = static_cast<std::size_t>(matrix.rows());
-  const auto entries = static_cast<std::size_t>(matrix.nonZeros());
-  for (std::size_t row = 0; row < rows; ++row) {
-    numbers.push_back(static_cast<double>(matrix.outerIndexPtr()[row + 1]));
-  }
-  numbers.insert(numbers.end(), matrix.innerIndexPtr(), matrix.innerIndexPtr() + entries);
-  numbers.insert(numbers.end(), matrix.valuePtr(), matrix.valuePtr() + entries);
-}
-
-SparseRows side_by_side(const std::vector<SparseRows>& blocks, Index size) {
-  Index entries = 0;
-  for (const SparseRows& block : blocks) {
-    entries += block.nonZeros();
-  }
-  count_of_entries(entries, entries_of);
-  SparseRows sum(size, size);
-  sum.resizeNonZeros(entries);
-  int* outer = sum.outerIndexPtr();
-  int* inner = sum.innerIndexPtr();
-  double* values = sum.valuePtr();
-  int first = 0;
-  for (const SparseRows& block : blocks) {
-    const int before = *outer;
-    outer = std::transform(block.outerIndexPtr() + 1, block.outerIndexPtr() + block.rows() + 1,
-                           outer + 1, [before](int end) { return before + end; }) -
-            1;
-    inner = std::transform(block.innerIndexPtr(), block.innerIndexPtr() + block.nonZeros(), inner,
-                           [first](int column) { return first + column; });
-    values = std::copy(block.valuePtr(), block.valuePtr() + block.nonZeros(), values);
-    first += static_cast<int>(block.rows());
-  }
-  return sum;
-}
-
-/// A matrix of so many rows that was appended. @param next behind it afterwards
-SparseRows take(const double*& next, Index rows, Index columns) {
-  const auto entries = rows > 0 ? static_cast<Index>(next[rows - 1]) : 0;
-  std::vector<int> outer(static_cast<std::size_t>(rows + 1), 0);
-  std::transform(next, next + rows, outer.begin() + 1,
-                 [](double n) { return static_cast<int>(n); });
-  next += rows;
-  std::vector<int> inner(static_cast<std::size_t>(entries));
-  std::transform(next, next + entries, inner.begin(), [](double n) { return static_cast<int>(n); });
-  next += entries;
-  SparseRows matrix =
-      Eigen::Map<const SparseRows>(rows, columns, entries, outer.data(), inner.data(), next);
-  next += entries;
-  return matrix;
-}
-
 }  // namespace
 
 Vector times(const Matrix& slopes, const std::vector<Index>& first, const std::vector<Index>& count,
@@ -134,38 +83,49 @@ void SparseSkeleton::gather() {
     for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
       const substructure::Body& body = structure.bodies()[b];
       if (body.rows() > 0) {
-        mine.push_back(static_cast<double>(body.kept_traces().cols()));
-        mine.push_back(static_cast<double>(body.rows()));
         mine.push_back(
             static_cast<double>(system_.joined().first_row() + structure.body_rows()[b]));
-        append(body.kept_operator(), mine);
-        append(body.kept_traces(), mine);
+        algebra::append(body.kept_operator(), mine);
+        algebra::append(body.kept_traces(), mine);
       }
     }
   });
   std::vector<SparseRows> blocks;
   Triplets traces;
   Index nodes = 0;
+  Index entries = 0;
   for (const std::vector<double>& numbers : communicator.gather(mine)) {
     const double* next = numbers.data();
     while (next != numbers.data() + numbers.size()) {
-      const auto size = static_cast<Index>(*next++);
-      const auto rows = static_cast<Index>(*next++);
       const auto first = static_cast<Index>(*next++);
-      blocks.push_back(take(next, size, size));
-      const SparseRows own = take(next, rows, size);
-      for (Index row = 0; row < rows; ++row) {
+      blocks.push_back(algebra::take(next));
+      const SparseRows own = algebra::take(next);
+      for (Index row = 0; row < own.rows(); ++row) {
         for (SparseRows::InnerIterator it(own, row); it; ++it) {
           traces.emplace_back(static_cast<int>(first + row), static_cast<int>(nodes + it.col()),
                               it.value());
         }
       }
-      nodes += size;
+      nodes += blocks.back().rows();
+      entries += blocks.back().nonZeros();
     }
   }
   traces_ = algebra::sparse_of(traces, weights_.size(), nodes, entries_of);
   const SparseRows robin = traces_.transpose() * SparseRows(springs_.asDiagonal() * traces_);
-  stiffness_ = side_by_side(blocks, nodes);
+  count_of_entries(entries, entries_of);
+  stiffness_.resize(nodes, nodes);
+  stiffness_.reserve(entries);
+  Index first = 0;
+  for (const SparseRows& block : blocks) {
+    for (Index row = 0; row < block.rows(); ++row) {
+      stiffness_.startVec(first + row);
+      for (SparseRows::InnerIterator it(block, row); it; ++it) {
+        stiffness_.insertBack(first + row, first + it.col()) = it.value();
+      }
+    }
+    first += block.rows();
+  }
+  stiffness_.finalize();
   stiffness_ -= SparseRows(robin.triangularView<Eigen::Lower>());
 }
 

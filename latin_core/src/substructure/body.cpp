@@ -630,6 +630,26 @@ SparseRows Body::kept_operator() const {
   return Matrix(product.triangularView<Eigen::Lower>()).sparseView();
 }
 
+SideTrace Body::trace_of_side(Index row, Index rows) const {
+  const SparseRows all = active_traces_.middleRows(row, rows);
+  SideTrace side;
+  std::vector<int> position(static_cast<std::size_t>(active_), -1);
+  Triplets entries;
+  for (Index at = 0; at < rows; ++at) {
+    for (SparseRows::InnerIterator it(all, at); it; ++it) {
+      int& number = position[static_cast<std::size_t>(it.col())];
+      if (number < 0) {
+        number = static_cast<int>(side.touched.size());
+        side.touched.push_back(it.col());
+      }
+      entries.emplace_back(static_cast<int>(at), number, it.value());
+    }
+  }
+  side.trace.resize(rows, static_cast<Index>(side.touched.size()));
+  side.trace.setFromTriplets(entries.begin(), entries.end());
+  return side;
+}
+
 /// Unknowns that an active side touches go last, so that the factorisation condenses onto them.
 void Body::order_active_last(const std::vector<BodySide>& sides) {
   std::vector<SparseRows> on_body;

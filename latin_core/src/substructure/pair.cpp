@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "latin/algebra/inverse.hpp"
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
@@ -21,30 +22,14 @@ constexpr double softness = 1e-5;
 
 PairSide::PairSide(const Body& of, Index row_in_body, const Vector& weights)
     : direction(of.directions().segment(row_in_body, weights.size())), body(of.name()) {
-  const Index rows = weights.size();
-  // unknowns that the side touches, and its trace on them
-  const SparseRows all = of.active_traces().middleRows(row_in_body, rows);
-  std::vector<Index> touched;
-  std::vector<int> position(static_cast<std::size_t>(of.active()), -1);
-  std::vector<Eigen::Triplet<double>> entries;
-  for (Index row = 0; row < rows; ++row) {
-    for (SparseRows::InnerIterator it(all, row); it; ++it) {
-      int& at = position[static_cast<std::size_t>(it.col())];
-      if (at < 0) {
-        at = static_cast<int>(touched.size());
-        touched.push_back(it.col());
-      }
-      entries.emplace_back(static_cast<int>(row), at, it.value());
-    }
-  }
-  const auto count = static_cast<Index>(touched.size());
-  trace.resize(rows, count);
-  trace.setFromTriplets(entries.begin(), entries.end());
+  SideTrace side = of.trace_of_side(row_in_body, weights.size());
+  trace.swap(side.trace);
+  const auto count = static_cast<Index>(side.touched.size());
   if (count == 0) {  // a face that is held entirely
     held = Matrix(0, 0);
     return;
   }
-  const Eigen::LLT<Matrix> compliance(of.inverse_block(touched));
+  const Eigen::LLT<Matrix> compliance(of.inverse_block(side.touched));
   if (compliance.info() != Eigen::Success) {
     throw NumericalError("body '" + body + "': its flexibility at a face is not definite");
   }
@@ -54,34 +39,21 @@ PairSide::PairSide(const Body& of, Index row_in_body, const Vector& weights)
 }
 
 std::vector<double> PairSide::packed() const {
-  std::vector<double> numbers{static_cast<double>(trace.cols()),
-                              static_cast<double>(trace.nonZeros())};
+  std::vector<double> numbers;
+  algebra::append(trace, numbers);
   numbers.insert(numbers.end(), direction.begin(), direction.end());
   numbers.insert(numbers.end(), held.data(), held.data() + held.size());
-  for (Index row = 0; row < trace.rows(); ++row) {
-    for (SparseRows::InnerIterator it(trace, row); it; ++it) {
-      numbers.insert(numbers.end(),
-                     {static_cast<double>(row), static_cast<double>(it.col()), it.value()});
-    }
-  }
   return numbers;
 }
 
-PairSide PairSide::unpacked(const std::vector<double>& numbers, Index rows, std::string name) {
+PairSide PairSide::unpacked(const std::vector<double>& numbers, std::string name) {
   PairSide side;
   side.body = std::move(name);
-  const auto count = static_cast<Index>(numbers[0]);
-  const auto entries = static_cast<std::size_t>(numbers[1]);
-  const double* next = numbers.data() + 2;
-  side.direction = Eigen::Map<const Vector>(next, rows);
-  side.held = Eigen::Map<const Matrix>(next + rows, count, count);
-  next += rows + count * count;
-  std::vector<Eigen::Triplet<double>> all;
-  for (std::size_t i = 0; i < entries; ++i, next += 3) {
-    all.emplace_back(static_cast<int>(next[0]), static_cast<int>(next[1]), next[2]);
-  }
-  side.trace.resize(rows, count);
-  side.trace.setFromTriplets(all.begin(), all.end());
+  const double* next = numbers.data();
+  algebra::take(next).swap(side.trace);
+  side.direction = Eigen::Map<const Vector>(next, side.trace.rows());
+  next += side.trace.rows();
+  side.held = Eigen::Map<const Matrix>(next, side.trace.cols(), side.trace.cols());
   return side;
 }
 

@@ -275,8 +275,7 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales,
         trace_metric_.segment(interface.rows[s], interface.size()) =
             scales[i][s] * interface.geometry.weights;
         levers_.segment(interface.rows[s], interface.size()).setConstant(levers[i][s]);
-        const auto after = std::ranges::upper_bound(body_rows_, interface.rows[s]);
-        const auto b = static_cast<std::size_t>(after - body_rows_.begin()) - 1;
+        const std::size_t b = body_of_row(interface.rows[s]);
         Matrix& all = on_sides[b];
         const Matrix& own = motions[i][s];
         if (own.cols() > 0 && all.size() == 0) {
@@ -408,38 +407,29 @@ void Structure::share_bases() {
   }
 }
 
+std::size_t Structure::body_of_row(Index row) const {
+  // a body without rows begins where the next one does
+  return static_cast<std::size_t>(std::ranges::upper_bound(body_rows_, row) - body_rows_.begin()) -
+         1;
+}
+
 PairSide Structure::pair_side(const ActiveInterface& interface, std::size_t side) const {
   const Index row = interface.rows[side];
-  // a body without rows begins where the next one does
-  const auto after = std::upper_bound(body_rows_.begin(), body_rows_.end(), row);
-  const auto b = static_cast<std::size_t>(after - body_rows_.begin()) - 1;
+  const std::size_t b = body_of_row(row);
   return {bodies_[b], row - body_rows_[b], interface.geometry.weights};
 }
 
-/// Tell neighbours the sides of the pairs that they share.
-void Structure::share_pairs() {
-  std::vector<std::size_t> paired;
-  std::ranges::copy_if(shared_, std::back_inserter(paired),
-                       [this](std::size_t i) { return interfaces_[i].paired; });
-  std::vector<std::vector<double>> own(paired.size());
-  std::vector<std::string> names(paired.size());
-  communicator_.together([&] {
-    for (std::size_t n = 0; n < paired.size(); ++n) {
-      const ActiveInterface& interface = interfaces_[paired[n]];
-      const PairSide side = pair_side(interface, interface.here());
-      own[n] = side.packed();
-      names[n] = side.body;
-    }
-  });
+std::vector<std::vector<double>> Structure::swapped(
+    const std::vector<std::size_t>& interfaces, const std::vector<std::vector<double>>& own) const {
   const auto swap = [&](const auto& size_of, const auto& value_of) {
     Exchange exchange(communicator_);
     std::vector<std::size_t> slots;
-    slots.reserve(paired.size());
-    for (std::size_t n = 0; n < paired.size(); ++n) {
-      slots.push_back(exchange.add(interfaces_[paired[n]].away.rank, size_of(n)));
+    slots.reserve(interfaces.size());
+    for (std::size_t n = 0; n < interfaces.size(); ++n) {
+      slots.push_back(exchange.add(interfaces_[interfaces[n]].away.rank, size_of(n)));
     }
     exchange.prepare(1);
-    for (std::size_t n = 0; n < paired.size(); ++n) {
+    for (std::size_t n = 0; n < interfaces.size(); ++n) {
       auto block = exchange.outgoing(slots[n]);
       for (Index row = 0; row < block.rows(); ++row) {
         block(row, 0) = value_of(n, row);
@@ -460,14 +450,29 @@ void Structure::share_pairs() {
   const auto longer = [&](std::size_t n) {
     return std::max(static_cast<Index>(own[n].size()), static_cast<Index>(lengths[n].front()));
   };
-  const auto beyond = swap(longer, [&](std::size_t n, Index row) {
+  return swap(longer, [&](std::size_t n, Index row) {
     const auto at = static_cast<std::size_t>(row);
     return at < own[n].size() ? own[n][at] : 0.0;
   });
+}
+
+/// Tell neighbours the sides of the pairs that they share.
+void Structure::share_pairs() {
+  std::vector<std::size_t> paired;
+  std::ranges::copy_if(shared_, std::back_inserter(paired),
+                       [this](std::size_t i) { return interfaces_[i].paired; });
+  std::vector<std::vector<double>> own(paired.size());
+  communicator_.together([&] {
+    for (std::size_t n = 0; n < paired.size(); ++n) {
+      const ActiveInterface& interface = interfaces_[paired[n]];
+      own[n] = pair_side(interface, interface.here()).packed();
+    }
+  });
+  const std::vector<std::vector<double>> beyond = swapped(paired, own);
   for (std::size_t n = 0; n < paired.size(); ++n) {
     ActiveInterface& interface = interfaces_[paired[n]];
     interface.beyond = std::make_shared<const PairSide>(
-        PairSide::unpacked(beyond[n], interface.size(), "of interface " + interface.name()));
+        PairSide::unpacked(beyond[n], "of interface " + interface.name()));
   }
 }
 

@@ -97,6 +97,12 @@ struct LoadResponse {
   Matrix unknowns;  ///< (n_body, l): the solution itself where nothing is active; else empty
 };
 
+/// Trace of one side of a body on the active unknowns that it touches.
+struct SideTrace {
+  SparseRows trace;  ///< (rows, touched)
+  std::vector<Index> touched;
+};
+
 /// What of a body has a factor at each of some points: the stiffness B^T a B of one member.
 struct Stretch {
   std::string member;
@@ -149,6 +155,8 @@ class Body {
   [[nodiscard]] const SparseRows& kept_traces() const {
     return condensed_is_less() ? active_traces_ : traces_;
   }
+  /// @param row first of the side, among those of the body
+  [[nodiscard]] SideTrace trace_of_side(Index row, Index rows) const;
   /// Traces of the active unknowns, (rows, active).
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
@@ -261,8 +269,8 @@ class Body {
     Matrix of_jumps;       ///< B^T kappa Delta, part of `load`; empty without jumps
     Matrix jump_energy;    ///< (Delta - B0)^T kappa (Delta - B0) - B0^T kappa B0
   };
-  // what the constructor does, in this order
   [[nodiscard]] bool condensed_is_less() const;
+  // what the constructor does, in this order
   void order_active_last(const std::vector<BodySide>& sides);
   void stack_sides(const std::vector<BodySide>& sides);
   [[nodiscard]] Loads assemble_loads(const BodyDescription& description,

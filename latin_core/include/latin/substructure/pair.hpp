@@ -21,7 +21,7 @@ struct PairSide {
 
   /// As numbers, and back. @param name of the body
   [[nodiscard]] std::vector<double> packed() const;
-  static PairSide unpacked(const std::vector<double>& numbers, Index rows, std::string name);
+  static PairSide unpacked(const std::vector<double>& numbers, std::string name);
 };
 
 /// Matrix search directions of a linear interface: its residual is solved for with both of its bodies.
