@@ -19,7 +19,8 @@ using substructure::Joined;
 /// Laws are asked at so many times the flexibility of the nodes at a point alone: ten times less and ten times more do
 /// as well.
 constexpr double of_nodes = 10.0;
-/// A closed point is a spring of 1 / bounded of the stiffness at which its law is asked.
+/// A closed point is a spring of 1 / bounded of the stiffness at which its law is asked. Forces that are more than so
+/// many times what they correct are those of points whose jumps contradict each other: nothing corrects these.
 constexpr double bounded = 1e-4;
 /// Springs that hold everything, relative to the search direction: the first, and how many times stiffer they are where
 /// that is lost in rounding.
@@ -244,7 +245,7 @@ bool SparseSkeleton::approach(const Matrix& tangent, const Vector& phi, const Ve
       }
     }
     const double size = norm(image);
-    if (!(size > 0.0) || !std::isfinite(size)) {
+    if (!(size > bounded * norm(next.y)) || !std::isfinite(size)) {
       break;
     }
     image /= size;
