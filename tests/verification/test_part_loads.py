@@ -331,6 +331,36 @@ def test_rigid_motions_have_no_stress() -> None:
     )
 
 
+@pytest.mark.parametrize("active", [None, ["joint"]])
+@pytest.mark.parametrize(
+    ("law", "shift", "force"),
+    [
+        (lf.Elastic(1e5, 1e5), -0.1, -1e5 * 0.1 * 100.0),
+        (lf.Contact(friction=0.3), 0.1, 0.0),
+        (lf.Contact(friction=0.3), -0.1, None),
+    ],
+)
+def test_between_faces_whose_motions_are_given_the_law_alone_decides(
+    law: Any, shift: float, force: float | None, active: Any
+) -> None:
+    """Nothing is left to move: a law with a stiffness answers, rigid bodies in each other do not converge."""
+    scene = lf.Scene()
+    for name, z, outer in (("low", 0.0, "z0"), ("up", 10.0, "z1")):
+        box = geometry.box((10, 10, 10), (2, 2, 2), (0, 0, z))
+        scene.substructure(name, box, lf.LinearElastic(E, NU))
+        scene.fix(f"{name}:{outer}", name=f"end of {name}")
+    still = dict.fromkeys(["x", "y", "rx", "ry", "rz"], 0.0)
+    scene.rigid("low:z1", name="seat", z=0.0, **still)
+    scene.rigid("up:z0", name="punch", z=shift, **still)
+    scene.interface("joint", "low:z1", "up:z0", law)
+    result = lf.solve(lf.assemble(scene), active=active, progress=False)
+    if force is None:
+        assert result.status != "converged"
+    else:
+        assert result.status == "converged"
+        assert result.table("joint").value("force_z", "joint") == pytest.approx(force, rel=1e-6, abs=1e-6)
+
+
 def test_a_rigid_face_takes_resultants() -> None:
     scene = block()
     scene.fix("a:z0", name="foot")

@@ -77,7 +77,7 @@ void Flexibility::add_bodies() {
   double operations = 0.0;
   for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
     const Body& body = structure_.bodies()[b];
-    if (body.rows() > 0) {
+    if (body.active() > 0) {
       parts_.push_back({&body, joined_->first_row() + structure_.body_rows()[b], {}, {}, {}});
       operations += std::pow(static_cast<double>(body.active()), 3);
     }
@@ -141,9 +141,7 @@ void Flexibility::gather() {
 
 void Flexibility::find_own() {
   own_ = joined_->of_points(matrix_.diagonal());
-  if (!(own_.size() > 0 && own_.minCoeff() > 0.0)) {
-    own_ = direct_;
-  }
+  own_ = (own_.array() > 0.0).select(own_, direct_);  // faces whose displacements are given
 }
 
 void Flexibility::find_modes(Part& part, const SparseRows& springs) {
