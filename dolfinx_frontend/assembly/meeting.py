@@ -160,20 +160,25 @@ def _shared(held: Held, covered: Any, first: bool) -> Held:
 def supports_that_meet(
     interfaces: Mapping[str, Interface], substructures: Mapping[str, Substructure]
 ) -> Iterator[tuple[Interface, Interface, Array]]:
-    """Supports of two parts that meet at a glued joint whose meshes do not match, and points (m, d) where."""
+    """Supports and rigid or plane faces of two parts that meet at a glued joint, and points (m, d) where; two
+    supports only where the meshes do not match, for others have common nodes."""
     here = [i for i in interfaces.values() if all(s.substructure in substructures for s in i.sides)]
     for joint in here:
-        if joint.law.eliminated(True) is not Elimination.GLUED or joint.matching is not None:
+        if joint.law.eliminated(True) is not Elimination.GLUED:
             continue  # no glue, or with a jump
         met: list[list[tuple[Interface, Array]]] = [[], []]
         for ends, side in zip(met, joint.sides, strict=True):
             for i in here:
-                if i.law.elimination is Elimination.REMOVED and i.sides[0].substructure == side.substructure:
+                prescribes = i.law.elimination in (Elimination.REMOVED, Elimination.TIED)
+                if prescribes and i.sides[0].substructure == side.substructure:
                     nodes = np.intersect1d(i.sides[0].nodes, side.nodes)
                     if len(nodes):
                         ends.append((i, substructures[side.substructure].dof_coordinates[nodes]))
         for one, x in met[0]:
             for other, y in met[1]:
+                tied = Elimination.TIED in (one.law.elimination, other.law.elimination)
+                if joint.matching is not None and not tied:
+                    continue
                 least = NEAR * min(substructures[i.sides[0].substructure].length for i in (one, other))
                 found = np.concatenate([x[_away(x, y) < least], y[_away(y, x) < least]])
                 if len(found):

@@ -23,7 +23,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
-from dolfinx_frontend.plan.ties import differing_ties, ties_of
+from dolfinx_frontend.plan.ties import differing_ties, given_at, ties_of
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law, Rigid
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -300,13 +300,22 @@ def _differ(quoted: str, what: str, wrong: Array) -> str:
     )
 
 
-def _at_points(x: Array, one: Interface, other: Interface, amplitude: Amplitude | None) -> Differing:
-    """What supports prescribe differently at points (m, d)."""
-    both = [i.law.pattern(amplitude).constraint(i.name, i.sides[0], x) for i in (one, other)]
-    rows, target = np.concatenate([r for r, _ in both]), np.concatenate([v for _, v in both], axis=1)
+def _at_points(
+    problem: Problem, x: Array, one: Interface, other: Interface, amplitude: Amplitude | None
+) -> Differing:
+    """What supports and given motions of two faces prescribe differently at points (m, d)."""
+    rows, target, size = np.zeros((0, x.shape[1])), np.zeros((len(x), 0)), 0.0
+    for i in (one, other):
+        if isinstance(i.law, Rigid):
+            directions, values, moved = given_at(problem, i, amplitude, x)
+        else:
+            directions, values = i.law.pattern(amplitude).constraint(i.name, i.sides[0], x)
+            moved = float(np.abs(values).max(initial=0.0))
+        rows, target = np.concatenate([rows, directions]), np.concatenate([target, values], axis=1)
+        size = max(size, moved)
     off = target @ np.linalg.pinv(rows, rcond=1e-6).T @ rows.T - target
     said = partial(_differ, f"{one.name!r} and {other.name!r}", "points")
-    return {"points": Off(off, float(np.abs(target).max(initial=0.0)), said)}
+    return {"points": Off(off, size, said)}
 
 
 def _prolongation(classes: _Classes, own: Ints, columns: Ints) -> sp.csr_matrix:
@@ -352,8 +361,8 @@ def moments_of(problem: Problem, times: Array | None) -> set[float]:
 
 def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> None:
     """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept,
-    supports that contradict motions of rigid faces, and displacements of supports that meet at a glued joint
-    whose meshes do not match.
+    supports that contradict motions of rigid faces, and displacements and given motions of two parts that meet
+    at a glued joint.
 
     A kept interface prescribes what an eliminated one does: no field has both values, and forces that enforce
     them grow without limit as an iteration goes on. Different amplitudes may agree at all moments.
@@ -372,12 +381,11 @@ def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iter
     }
     amplitudes = (None, *problem.amplitudes)
     for one, other, x in supports_that_meet(problem.interfaces, problem.substructures):
-        refuse({a: _at_points(x, one, other, a) for a in amplitudes}, moments)
+        refuse({a: _at_points(problem, x, one, other, a) for a in amplitudes}, moments)
     if all(name in eliminated for name in prescribing):
         return  # `reduce` sees them all
     ties = {n for n, i in prescribing.items() if i.law.elimination is Elimination.TIED}
     kept = {n for n, i in prescribing.items() if i.matching is not None and n not in eliminated}
-    # what a rigid face meets over a kept joint is not looked at
     for chosen in (prescribing.keys() - ties, prescribing.keys() - kept)[: 2 if ties else 1]:
         for members in members_of_bodies(problem, chosen):
             inside = [i for n, i in prescribing.items() if n in chosen and i.sides[0].substructure in members]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,9 +16,10 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Rigid
 
-__all__ = ["Ties", "differing_ties", "given_motions", "ties_of"]
+__all__ = ["Ties", "differing_ties", "given_at", "given_motions", "ties_of"]
 
 _LEVEL = 1e-6
 """Sines of angles below this are rounding of the mesh."""
@@ -66,6 +68,29 @@ def given_motions(law: Rigid, centre: Array, length: float) -> tuple[Array, Arra
         rows.append(row)
         values.append(value)
     return np.reshape(rows, (len(rows), at.shape[1])), np.array(values)
+
+
+def given_at(
+    problem: Problem, interface: Interface, amplitude: Amplitude | None, x: Array
+) -> tuple[Array, Array, float]:
+    """What the given motions of a rigid or plane face make of points x (m, d): directions (k, d) along which
+    they alone prescribe displacements, those (m, k), and how far the whole face is moved."""
+    law, d = cast(Rigid, interface.law), x.shape[1]
+    group = [i for i in problem.interfaces.values() if isinstance(i.law, Rigid) and i.law.group == law.group]
+    lead = next((i for i in group if cast(Rigid, i.law).leads), interface)
+    own = cast(Rigid, lead.law.pattern(amplitude))
+    if own.plane:
+        given = np.array([] if own.tilts else list(own.motions().values()), dtype=np.float64)
+        return lead.sides[0].normal[None][: len(given)], np.tile(given, (len(x), 1)), float(np.abs(given).sum())
+    nodes = [problem.substructures[i.sides[0].substructure].dof_coordinates[i.sides[0].nodes] for i in group]
+    every = np.unique(np.concatenate(nodes), axis=0)
+    centre, length = every.mean(axis=0), max(float(np.ptp(every, axis=0).max()), 1e-300)
+    rows, values = given_motions(own, centre, length)
+    known = np.linalg.pinv(rows)
+    moved = known @ values
+    modes = rigid_modes(x, centre, length)
+    axes = [c for c in range(d) if np.abs(modes[:, c] - modes[:, c] @ known @ rows).max() < _LEVEL]
+    return np.eye(d)[axes], modes[:, axes] @ moved, float(np.abs(moved).max(initial=0.0))
 
 
 def _groups(

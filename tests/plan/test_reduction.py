@@ -247,8 +247,6 @@ def test_the_same_function_of_time_written_otherwise_is_no_contradiction(other, 
     scene.fix("c:y1", 0.0 if kind == "jumps" else other * (0.0, 1e-3 * factor), name="other")
     problem = assemble(scene)
     if not agrees:
-        if kind == "rigid":
-            active = None  # what a rigid face meets over a kept interface is not looked at
         with pytest.raises(lf.SceneError, match="contradict|prescribe different"):
             lf.solve(problem, times=[1.0, 1.5, 2.0], active=active, progress=False)
         return
@@ -258,6 +256,57 @@ def test_the_same_function_of_time_written_otherwise_is_no_contradiction(other, 
     strain = (-0.5e-3 if kind == "jumps" else 0.5e-3) * np.array([0.5, 0.75, 1.0])
     moved = result.unknowns("a").reshape(3, -1, 2)[..., 1]
     assert moved == pytest.approx(strain[:, None] * height, abs=1e-9)
+
+
+@pytest.mark.parametrize("active", [None, ["joint"], "all"])
+@pytest.mark.parametrize("cells", [(2, 2), (3, 3)])
+@pytest.mark.parametrize("other", ["support", "plane", "rigid"])
+@pytest.mark.parametrize("tie", ["plane", "rigid", "turned"])
+@pytest.mark.parametrize("late", [False, True])
+def test_given_motions_beside_a_glued_joint_are_refused_where_they_contradict(tie, other, cells, active, late):
+    """The faces z = 0 of two glued blocks meet at the joint: one is moved by another displacement."""
+    ramp = lf.Amplitude([0, 1, 2], [0, 0, 1]) if late else lf.Amplitude([0, 1, 2], [0, 1, 1])
+    scene = Scene()
+    for name, x, n in (("a", 0.0, (2, 2)), ("b", 10.0, cells)):
+        box = geometry.box((10, 10, 10), (2, *n), (x, 0, 0), cell="hexahedron")
+        scene.substructure(name, box, LinearElastic(2e5, 0.3), degree=1)
+    scene.interface("joint", "a:x1", "b:x0", Perfect())
+    still = dict.fromkeys(["x", "y", "z", "rx", "ry", "rz"], 0.0)
+    if other == "support":
+        scene.fix("a:z0", name="other")
+    elif other == "plane":
+        scene.fix("a:x0", name="end")
+        scene.plane("a:z0", n=0.0, tilts=False, name="other")
+    else:
+        scene.rigid("a:z0", name="other", **still)
+    if tie == "plane":
+        scene.plane("b:z0", n=0.1 * ramp, tilts=False, name="moved")
+    elif tie == "rigid":
+        scene.rigid("b:z0", name="moved", **{**still, "z": 0.1 * ramp})
+    else:  # about an axis that is not the joint's edge
+        scene.rigid("b:z0", name="moved", point=(15, 5, 0), **{**still, "ry": 0.01 * ramp})
+    problem = assemble(scene)
+    with pytest.raises(lf.SceneError, match="prescribe different|contradict|share nodes"):
+        lf.solve(problem, times=[0.5, 1.0, 2.0], active=active, progress=False)
+
+
+def test_a_rigid_face_that_turns_about_the_edge_of_a_glued_joint_contradicts_nothing():
+    """The other face is still: along the edge nothing moves."""
+    scene = Scene()
+    for name, x in (("a", 0.0), ("b", 10.0)):
+        box = geometry.box((10, 10, 10), (2, 2, 2), (x, 0, 0), cell="hexahedron")
+        scene.substructure(name, box, LinearElastic(2e5, 0.3), degree=1)
+    scene.interface("joint", "a:x1", "b:x0", Perfect())
+    scene.fix("a:z0", name="other")
+    still = dict.fromkeys(["x", "y", "z", "rx", "rz"], 0.0)
+    scene.rigid("b:z0", name="moved", point=(10, 5, 0), ry=0.01, **still)
+    forces = []
+    for active in (None, ["joint"]):
+        result = lf.solve(assemble(scene), active=active, options=lf.Options(rtol=1e-9), progress=False)
+        assert result.converged
+        forces.append(float(np.abs(result.unknowns("b")).max()))
+    assert forces[0] == pytest.approx(forces[1], rel=1e-7)
+    assert forces[0] == pytest.approx(0.1, rel=0.3)
 
 
 @pytest.mark.parametrize("active", [None, "all"])
