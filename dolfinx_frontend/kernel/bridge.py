@@ -417,7 +417,9 @@ def build(
             interfaces.append(_made_interface(each, _law(own.interfaces[name], described.fields[name])))
     assert described is not None
     reduced = described.reduced
-    loading = _loading(own, [body for patterns in reduced for body in patterns.values()], described.fields)
+    grown = max(1.0, float(np.abs(plan.factors()).max(initial=0.0)))
+    every = [body for patterns in reduced for body in patterns.values()]
+    loading = _loading(own, every, described.fields, grown)
     _check_range(loading if comm is None else max(exchanged(comm, loading)))
     began = perf_counter()
     core = Structure(
@@ -484,15 +486,16 @@ def _interface(
     }
 
 
-def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:
-    """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
+def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields], grown: float) -> float:
+    """Largest strain, by order, that a load on bodies or active interfaces makes, with amplitudes of `grown`;
+    0 if there is none."""
     if not laws:
-        _check_forces(problem, bodies)
+        _check_forces(problem, bodies, grown)
         return 0.0  # one solve; no squares, which may overflow
     found = [0.0]
 
     def add(value: Array, unit: float) -> None:
-        found.append(float(np.abs(value).max(initial=0.0)) / unit)
+        found.append(grown * (float(np.abs(value).max(initial=0.0)) / unit))
 
     parts = problem.substructures
     for body in bodies:
@@ -516,13 +519,13 @@ def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields
     return max(found)
 
 
-def _check_forces(problem: Problem, bodies: Iterable[Body]) -> None:
+def _check_forces(problem: Problem, bodies: Iterable[Body], grown: float) -> None:
     """Refuse loads and prescribed displacements whose forces are no numbers, or whose sums are none."""
     for body in bodies:
         for name in body.members:
             part = problem.substructures[name]
-            moved = float(np.abs(body.offset[name]).max(initial=0.0))
-            load = float(np.abs(body.load[name]).max(initial=0.0))
+            moved = grown * float(np.abs(body.offset[name]).max(initial=0.0))
+            load = grown * float(np.abs(body.load[name]).max(initial=0.0))
             force = moved * (part.modulus * part.length ** (part.dim - 2))
             if not max(moved, load, force) < LARGEST:
                 raise SceneError(
