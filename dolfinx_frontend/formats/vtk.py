@@ -11,6 +11,7 @@ import re
 import sys
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
@@ -21,7 +22,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import checked_path
-from dolfinx_frontend.common.files import made_folder, write_text
+from dolfinx_frontend.common.files import made_folder, replaced
 
 __all__ = ["CELLS", "Blocks", "Grid", "check_target", "vertices", "write_blocks"]
 
@@ -80,8 +81,8 @@ class Grid:
     point_data: Mapping[str, Values] = field(default_factory=dict)
     cell_data: Mapping[str, Values] = field(default_factory=dict)
 
-    def write(self, path: Path) -> None:
-        """Write a ``.vtu`` file."""
+    def text(self) -> str:
+        """A ``.vtu`` file."""
         def array(values: npt.NDArray[np.generic], name: str, components: str = "") -> str:
             labels = components.split() if " " in components else list(components)
             text = "".join(f" ComponentName{i}={quoteattr(label)}" for i, label in enumerate(labels))
@@ -98,8 +99,7 @@ class Grid:
         count, width = self.cells.shape
         offsets = width * np.arange(1, count + 1, dtype=np.int64)
         types = np.full(count, self.type, dtype=np.uint8)
-        write_text(
-            path,
+        return (
             '<?xml version="1.0"?>\n'
             f'<VTKFile type="UnstructuredGrid" version="{_version(self.type)}" '
             f'byte_order="{sys.byteorder.capitalize()}Endian" header_type="UInt64" '
@@ -110,7 +110,7 @@ class Grid:
             f"{array(types, 'types')}      </Cells>\n"
             f"      <PointData>\n{arrays(self.point_data)}      </PointData>\n"
             f"      <CellData>\n{arrays(self.cell_data)}      </CellData>\n"
-            "    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
+            "    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n"
         )
 
 
@@ -148,10 +148,19 @@ def _file_name(number: int, name: str) -> str:
     return f"{number}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name)}.vtu"
 
 
-def _write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
+class _Files(ExitStack):
+    """Files that take the places of older ones together, the first of them last: a failure leaves all those."""
+
+    def write(self, target: Path, text: Callable[[], str], here: bool = True) -> None:
+        """Write a file on the rank that has it; its text is asked for when its name is taken."""
+        if here:
+            self.enter_context(replaced(target)).write_text(text(), encoding="utf-8")
+
+
+def _write_index(files: _Files, target: Path, blocks: Blocks, rank: int) -> None:
     """Grids in a folder beside their index, a ``.vtm`` file, which the first rank writes."""
-    folder = target.with_suffix("")
-    made_folder(folder)
+    folder = made_folder(target.with_suffix(""))
+    grids: list[tuple[Path, Callable[[], Grid]]] = []
     number = 0
 
     def lines(of: Blocks, indent: str) -> list[str]:
@@ -166,37 +175,39 @@ def _write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
             file = folder / _file_name(number, name)
             number += 1
             if block is not None:
-                block().write(file)
+                grids.append((file, block))
             out.append(f'{indent}<DataSet {head} file="{folder.name}/{file.name}"/>')
         return out
 
-    inside = lines(blocks, "    ")
-    if rank == 0:
-        text = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0">']
-        text += ["  <vtkMultiBlockDataSet>", *inside, "  </vtkMultiBlockDataSet>", "</VTKFile>", ""]
-        write_text(target, "\n".join(text))
-    return target
+    text = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0">']
+    text += ["  <vtkMultiBlockDataSet>", *lines(blocks, "    "), "  </vtkMultiBlockDataSet>", "</VTKFile>", ""]
+    files.write(target, lambda: "\n".join(text), rank == 0)
+    for file, block in grids:
+        files.write(file, lambda block=block: block().text())  # type: ignore[misc]
 
 
 def write_blocks(
     target: Path, times: Array | None, step: int, blocks: Callable[[int], Blocks], rank: int = 0
 ) -> Path:
     """What the ending of a checked target asks for: all times of a history, or one step."""
-    if target.suffix == ".pvd" and times is not None:
-        return _write_series(target, times, blocks, rank)
-    return _write_index(target, blocks(step), rank)
+    with _Files() as files:
+        if target.suffix == ".pvd" and times is not None:
+            _write_series(files, target, times, blocks, rank)
+        else:
+            _write_index(files, target, blocks(step), rank)
+    return target
 
 
 def _write_series(
-    target: Path, times: Sequence[float] | Array, blocks: Callable[[int], Blocks], rank: int = 0
-) -> Path:
+    files: _Files, target: Path, times: Sequence[float] | Array, blocks: Callable[[int], Blocks], rank: int
+) -> None:
     """One index a time step in a folder beside the collection, a ``.pvd`` file."""
-    folder = target.with_suffix("")
-    made_folder(folder)
+    folder = made_folder(target.with_suffix(""))
+    indices = [folder / f"step_{step:04d}.vtm" for step in range(len(times))]
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>"]
-    for step, time in enumerate(times):
-        index = _write_index(folder / f"step_{step:04d}.vtm", blocks(step), rank)
+    for index, time in zip(indices, times, strict=True):
         lines.append(f'    <DataSet timestep="{float(time)!r}" file="{folder.name}/{index.name}"/>')
-    if rank == 0:
-        write_text(target, "\n".join([*lines, "  </Collection>", "</VTKFile>", ""]))
-    return target
+    lines += ["  </Collection>", "</VTKFile>", ""]
+    files.write(target, lambda: "\n".join(lines), rank == 0)
+    for step, index in enumerate(indices):
+        _write_index(files, index, blocks(step), rank)

@@ -81,8 +81,8 @@ class Table:
         keep = np.ones(len(self), dtype=bool)
         for name, wanted in {"interface": interface, **labels}.items():
             entries = self[name]
-            same = np.isclose(entries, wanted) if entries.dtype.kind == "f" else entries == wanted
-            keep &= same
+            if len(entries):  # of none the type is not known
+                keep &= np.isclose(entries, wanted) if entries.dtype.kind == "f" else entries == wanted
         rows = np.flatnonzero(keep)
         if len(rows) != 1:
             wanted = ", ".join(f"{k} = {v!r}" for k, v in {"interface": interface, **labels}.items())

@@ -61,6 +61,22 @@ def history() -> Any:
     return solve(assemble(scene), times=[0.5, 1.0, 2.0])
 
 
+def test_a_history_that_cannot_be_written_leaves_the_older_one(history: Any, tmp_path: Path) -> None:
+    """Its files take the places of the older ones together."""
+    io.write(history, tmp_path)
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    steps = sorted((tmp_path / "parts").glob("step_*/*.vtu"))
+    steps[-1].unlink()
+    steps[-1].mkdir()
+    other = blocks(Contact(gap=0.0, friction=0.2))
+    other.pressure("top:z1", Amplitude([0, 2], [0, 1]) * 20.0, name="weight")
+    with pytest.raises(SceneError, match=f"{steps[-1].name} cannot be written"):
+        io.write_fields(solve(assemble(other), times=history.times, progress=False), tmp_path / "parts.pvd")
+    del before[steps[-1]]
+    assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
+
+
+
 def series(path: Path) -> dict[float, Any]:
     reader = pyvista.PVDReader(path)
     out = {}
