@@ -233,11 +233,12 @@ def broken_laws(
     time: float | None = None,
     memory: dict[str, Any] | None = None,
 ) -> dict[str, float]:
-    """How far forces and jumps are from the laws of their interfaces, relative.
+    """How far forces and jumps are from the laws of their interfaces, and jumps from the displacements, relative.
 
     A force f and a jump j hold a law if f is what its resolvent R gives of z = j + c f, whatever c is:
     complementarity, cone, slip along the force and the memory of what came before are all in it. Here c is
-    the interface's displacement over its force, so that what is left of f - R(z) is relative to both.
+    the interface's displacement over its force, so that what is left of f - R(z) is relative to both; where
+    there is no force, over the largest of the scene.
 
     Parameters
     ----------
@@ -251,6 +252,11 @@ def broken_laws(
     out = {}
     memory = {} if memory is None else memory
     of_motion, of_forces = rounding(problem, fields)
+    reach = max(float(np.abs(u).max(initial=0.0)) for u in fields.values())
+    pressures = [
+        float(np.sqrt(problem.interfaces[n].weights @ np.sum(f**2, axis=1) / problem.interfaces[n].weights.sum()))
+        for n, (f, _) in forces.items()
+    ]
     for name, (force, jump) in forces.items():
         if isinstance(laws[name], RIGID + LOADS):
             continue
@@ -264,15 +270,22 @@ def broken_laws(
 
         moved = [side.shape @ fields[side.substructure].reshape(-1, d) for side in interface.sides]
         gap = getattr(point, "gap", np.zeros(len(w)))
+        relative = moved[-1] - moved[0] if len(moved) == 2 else -moved[0]
+        seen = np.einsum("mkd,md->mk", frames_of(interface, laws[name], k), relative.reshape(len(w), d))
+        apart = norm(seen - j)
         area = float(np.sqrt(w.sum()))
         far = max(*map(norm, (*moved, gap)), of_motion * area, np.finfo(np.float64).tiny)
-        size = max(norm(f), of_forces / area, np.finfo(np.float64).tiny)
+        size = norm(f)
+        if not size > of_forces / area:
+            size = max(area * max(pressures), of_forces / area, np.finfo(np.float64).tiny)
         c = np.full(f.shape, far / size)
         if hasattr(point, "flexibility"):
             c = point.flexibility(c)
         left = f - point.resolve(j + c * f, c)[0]
         if not (norm(left) <= of_forces / area or norm(c * left) <= of_motion * area):
             out[name] = norm(left) / max(size, far / float(c.max()))
+        if apart > of_motion * area:
+            out[name] = max(out.get(name, 0.0), apart / (reach * area))
         memory[name] = point.remember(j, f)
     return out
 

@@ -129,6 +129,23 @@ def said(found: Found) -> Found:
     return part("p1", scaled(1.0 + 1e-6))(found)
 
 
+def unknown(found: Found) -> Found:
+    """Converged, without a number for the error."""
+    found.said[0] = float("nan")
+    return found
+
+
+def both(change: Callable[[Any], Any], name: str) -> Spoil:
+    """Changes forces and jumps alike: a linear law holds as before."""
+
+    def spoilt(found: Found) -> Found:
+        f, moved = found.acting[name]
+        found.acting[name] = change(np.array(f)), change(np.array(moved))
+        return found
+
+    return spoilt
+
+
 def steps(order: list[int]) -> Spoil:
     """Answers of other steps."""
 
@@ -231,6 +248,10 @@ WRONG: dict[str, tuple[str, Spoil]] = {
     ),
     "a bond with other damage": ("bond with damage", other("bond with damage", joint=glue(0.049))),
     "glue is torn in the first step": ("glue in steps", other("glue in steps", joint=NOTHING)),
+    "a gasket that carries nothing": ("stiff contact", force(scaled(0.0), "joint")),
+    "a spring that gives twice as much under twice the force": ("springs kept", both(scaled(2.0), "joint")),
+    "an opening that is misread": ("carries nothing", both(scaled(0.5), "joint")),
+    "an error that is no number": ("springs kept", unknown),
     "another bolt force": ("bolt", other("bolt", joint="lf.Preload(a(0) * 0.051, until=1.0)")),
     "a bolt that gives": ("bolt", other("bolt", joint="lf.Preload(a(0) * 0.05)")),
     "a wrong mean": ("chaos", mode(slice(0, 1), 1.001)),
