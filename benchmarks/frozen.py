@@ -256,7 +256,11 @@ def check(given: argparse.Namespace, python: str, known: Record) -> int:
 
     head, records = store.read(given.file)
     names = store.chosen(records, given.only, given.groups)
+    there = store.chosen([*known["scenes"], *known["drawn"]], given.only, given.groups)
+    if not names and not there:
+        raise SystemExit(f"no scene of {given.groups or 'all groups'} fits {given.only or '*'}")
     absent = [name for name in names if "source" not in records[name] and name not in known["scenes"]]
+    unknown = [name for name in there if name in known["scenes"] and name not in records]
     found: dict[str, Record] = {}
     seconds: dict[str, float] = {}
 
@@ -273,6 +277,7 @@ def check(given: argparse.Namespace, python: str, known: Record) -> int:
     solve(tasks_of([n for n in names if n not in absent], known, records, False), given.jobs, python, done)
     different = [each for name in sorted(found) for each in compare.differences(records[name], found[name])]
     different += [compare.Difference(name, "scene", "vanished", "a scene", "nothing") for name in absent]
+    different += [compare.Difference(name, "record", "vanished", "a record", "nothing") for name in unknown]
     table = store.rows(store.DIFFERENCES.read_text(encoding="utf-8"))
     open_ = [each for each in different if store.excusing(table, each.scene, each.key) is None]
     grown = [each for name in sorted(found) for each in compare.grown(records[name], found[name])]
@@ -280,7 +285,7 @@ def check(given: argparse.Namespace, python: str, known: Record) -> int:
     _report(found, different, open_, grown, better)
     if given.accept:
         state = commit(given.library or MAIN.parents[1])
-        for name in {each.scene for each in different} - {each.scene for each in open_} - {*absent}:
+        for name in {each.scene for each in different} - {each.scene for each in open_} - {*absent, *unknown}:
             records[name] = store.accepted(records[name], found[name], table, state)
         for name in better:
             kept = {key: each for key, each in records[name].items() if key not in ("known_bad", "what")}

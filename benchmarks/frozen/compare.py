@@ -12,6 +12,8 @@ from frozen.store import Record
 
 WORSE = 3.0
 """A later state may say so many times the error said at the freeze."""
+BETTER = 0.1
+"""An error that is said to be less than this share of the frozen one is a claim, and wants a reason."""
 ROUNDING = 1e-5
 """Rounding of a number over the error said of it: 3e-13 of it at 3e-8."""
 GROWN, GROWN_BYTES = 1.05, 1.2
@@ -64,8 +66,7 @@ def _good(old: Record, new: Record) -> Iterator[Difference]:
             yield Difference(name, key, "vanished", word, "nothing")
         elif found != word:
             kind = "status" if _statuses(word) else "word"
-            if kind == "word" or not _better(word, found):
-                yield Difference(name, key, kind, word, found)
+            yield Difference(name, key, kind, word, found)
     rounding = _rounding(old)
     for key, (value, error) in old["values"].items():
         if key not in new["values"]:
@@ -88,6 +89,8 @@ def _good(old: Record, new: Record) -> Iterator[Difference]:
         allowed = 1.05 * max(WORSE * float(error), float(floor))
         if not (found <= allowed or (math.isnan(found) and math.isnan(float(error)))):
             yield Difference(name, key, "error said", shown(error), shown(found), "more than three times")
+        elif found < BETTER * float(error) and float(error) > float(floor):
+            yield Difference(name, key, "error said", shown(error), shown(found), "less than a tenth")
     for key in sorted(missed(new)):
         yield _missed(old, new, key)
 
@@ -154,24 +157,6 @@ def _claims(record: Record) -> bool:
 
 def _statuses(word: str) -> bool:
     return any(part.split(" ")[0] in ORDER for part in word.split(", "))
-
-
-def _better(old: str, new: str) -> bool:
-    """Whether no step or point ended worse."""
-    ranks = [_expand(each) for each in (old, new)]
-    count = max(map(len, ranks))
-    first, second = (each * count if len(each) == 1 else each for each in ranks)
-    return len(first) == len(second) and all(b <= a for a, b in zip(first, second, strict=True))
-
-
-def _expand(word: str) -> list[int]:
-    out: list[int] = []
-    for part in word.split(", "):
-        status, _, where = part.partition(" ")
-        first, _, last = where.partition("-")
-        many = 1 if not where else int(last or first) - int(first) + 1
-        out += [ORDER.index(status) if status in ORDER else len(ORDER)] * many
-    return out
 
 
 def same(old: Any, new: Any, allowed: float) -> bool:
