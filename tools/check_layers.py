@@ -344,7 +344,14 @@ def imports(path: Path) -> list[tuple[int, str]]:
             prefix = "." * node.level + (node.module or "")
             joint = "" if prefix.endswith(".") else "."
             found += [(node.lineno, f"{prefix}{joint}{alias.name}") for alias in node.names]
+        elif isinstance(node, ast.Call) and _called(node) in ("import_module", "__import__"):
+            found += [(node.lineno, str(a.value)) for a in node.args[:1] if isinstance(a, ast.Constant)]
     return found
+
+
+def _called(node: ast.Call) -> str:
+    """Name of what is called, without where it is from."""
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
 
 
 def outside_of_functions(path: Path) -> set[int]:

@@ -45,6 +45,8 @@ Budget = Mapping[str, Mapping[str, int]]
 
 IMPORTS = "imports"
 LIBRARY = ("latin_core/include", "latin_core/src")
+BESIDE = {"benchmarks", "build", "demos", "docs", "packaging", "tests", "tools"}
+"""Folders at the top that are no part of the library; any other has a budget."""
 
 HEADER = """\
 # Upper bounds of what tools/house_size.py counts; `./run lint` compares. `./run python tools/house_size.py
@@ -179,7 +181,7 @@ def data_counted(content: bytes) -> Counted:
         text = content.decode()
     except UnicodeDecodeError:
         return Counted(0, len(content) // 8, 0, [])
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    lines = [line for line in text.splitlines() if line.strip() and not re.match(r"\s*#(\W|$)", line)]
     found = re.findall(r"(?<![\w.])(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])", "\n".join(lines))
     return Counted(len(lines), sum(float(number) not in PLAIN for number in found), 0, [])
 
@@ -188,10 +190,14 @@ def walked(root: Path) -> Iterator[tuple[str, Path]]:
     """Sub-package and path of each file: folders of the frontend, of the kernel and of its layers."""
     kernel = root / "latin_core"
     tops = [root / "dolfinx_frontend", kernel / "include" / "latin", kernel / "src"]
-    for path in sorted((*tops[0].rglob("*"), *kernel.rglob("*"))):
-        if not path.is_file() or "__pycache__" in path.parts:
+    others = [f for f in root.iterdir() if f.is_dir() and f.name not in BESIDE and not f.name.startswith(".")]
+    for path in sorted(path for folder in others for path in (folder, *folder.rglob("*"))):
+        if path.is_symlink():
+            raise SystemExit(f"{path} is a link: what it leads to is not counted, put it there")
+        if not path.is_file() or path.suffix == ".pyc":
             continue
-        top = next((top for top in tops if path.is_relative_to(top)), kernel)
+        first = root / path.relative_to(root).parts[0]
+        top = next((top for top in (*tops, kernel) if path.is_relative_to(top)), first)
         parts = path.relative_to(top).parts
         folder = top / parts[0] if len(parts) > 1 else top
         yield folder.relative_to(root).as_posix(), path

@@ -62,6 +62,7 @@ def test_cpp_by_hand() -> None:
 
 def test_data_by_hand() -> None:
     assert tool.data_counted(b"# 5\na = [1, 0.25]\n\nb1 = 1e-3\n")[:2] == (2, 2)
+    assert tool.data_counted(b"#define A 0.37\n#if B\n# 0.3\n#\n")[:2] == (2, 1)
     assert tool.data_counted(b"\xff" * 32)[:2] == (0, 4)
 
 
@@ -89,6 +90,20 @@ def test_imports_are_followed(tmp_path: Path) -> None:
     write(tmp_path, "latin_core/include/latin/common/b.hpp", "")
     found = tool.measured(tmp_path)[tool.IMPORTS]
     assert found == {"import_chain": 3, "include_chain": 2, "circles": 2, "upward": 1}
+
+
+def test_nothing_is_hidden(tmp_path: Path) -> None:
+    """Neither in a folder at the top, nor behind a link, nor by importing at run time."""
+    write(tmp_path, "dolfinx_frontend/scene/specs.py", 'import_module("dolfinx_frontend.solvers.export")\n')
+    write(tmp_path, "dolfinx_frontend/solvers/export.py", "")
+    write(tmp_path, "more/inside/a.py", "A = 7\n")
+    write(tmp_path, "tests/b.py", "B = 7\n")
+    found = tool.measured(tmp_path)
+    assert found["more/inside"]["numbers"] == 1 and "tests" not in found
+    assert found[tool.IMPORTS]["upward"] == 1
+    (tmp_path / "dolfinx_frontend/scene/extra").symlink_to(tmp_path / "more")
+    with pytest.raises(SystemExit, match="extra is a link"):
+        tool.measured(tmp_path)
 
 
 def test_budget_only_falls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
