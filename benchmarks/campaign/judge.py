@@ -694,8 +694,9 @@ def one(
             verdict.outcome = "inadmissible" if isinstance(reason, Inadmissible) else "unjudged"
             verdict.what = f"{verdict.status}; reference: {reason}"
             lost = isinstance(reason, Contradiction) or not has_answer(case, problem_here, found)
-        unknown = [s == "converged" and not 0.0 <= e < np.inf for s, e in zip(found.status, found.said, strict=True)]
-        if any(unknown) and verdict.outcome != "wrong":
+        both = zip(found.status, found.said, strict=True)
+        unknown = any(status == "converged" and not 0.0 <= error < np.inf for status, error in both)
+        if unknown and verdict.outcome != "wrong":
             verdict.outcome, verdict.why = "wrong", "estimate"
             verdict.what = "converged, and the error that is said is no number"
         if comm is None and verdict.outcome != "wrong" and "converged" in found.status:

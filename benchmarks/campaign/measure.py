@@ -233,7 +233,7 @@ def broken_laws(
     time: float | None = None,
     memory: dict[str, Any] | None = None,
 ) -> dict[str, float]:
-    """How far forces and jumps are from the laws of their interfaces, and jumps from the displacements, relative.
+    """How far forces and jumps are from the laws of their interfaces, and jumps from displacements, relative.
 
     A force f and a jump j hold a law if f is what its resolvent R gives of z = j + c f, whatever c is:
     complementarity, cone, slip along the force and the memory of what came before are all in it. Here c is
@@ -253,9 +253,9 @@ def broken_laws(
     memory = {} if memory is None else memory
     of_motion, of_forces = rounding(problem, fields)
     reach = max(float(np.abs(u).max(initial=0.0)) for u in fields.values())
+    weights = {name: problem.interfaces[name].weights for name in forces}
     pressures = [
-        float(np.sqrt(problem.interfaces[n].weights @ np.sum(f**2, axis=1) / problem.interfaces[n].weights.sum()))
-        for n, (f, _) in forces.items()
+        float(np.sqrt(weights[n] @ np.sum(f**2, axis=1) / weights[n].sum())) for n, (f, _) in forces.items()
     ]
     for name, (force, jump) in forces.items():
         if isinstance(laws[name], RIGID + LOADS):

@@ -149,7 +149,7 @@ def _file_name(number: int, name: str) -> str:
 
 
 class _Files(ExitStack):
-    """Files that take the places of older ones together, the first of them last: a failure leaves all those."""
+    """Files that take the places of older ones together, the first last: a failure leaves all of those."""
 
     def write(self, target: Path, text: Callable[[], str], here: bool = True) -> None:
         """Write a file on the rank that has it; its text is asked for when its name is taken."""
@@ -180,7 +180,8 @@ def _write_index(files: _Files, target: Path, blocks: Blocks, rank: int) -> None
         return out
 
     text = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0">']
-    text += ["  <vtkMultiBlockDataSet>", *lines(blocks, "    "), "  </vtkMultiBlockDataSet>", "</VTKFile>", ""]
+    inside = ["  <vtkMultiBlockDataSet>", *lines(blocks, "    "), "  </vtkMultiBlockDataSet>"]
+    text += [*inside, "</VTKFile>", ""]
     files.write(target, lambda: "\n".join(text), rank == 0)
     for file, block in grids:
         files.write(file, lambda block=block: block().text())  # type: ignore[misc]

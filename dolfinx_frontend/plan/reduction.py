@@ -304,15 +304,15 @@ def _at_points(
     problem: Problem, x: Array, one: Interface, other: Interface, amplitude: Amplitude | None
 ) -> Differing:
     """What supports and given motions of two faces prescribe differently at points (m, d)."""
-    rows, target, size = np.zeros((0, x.shape[1])), np.zeros((len(x), 0)), 0.0
+    both = []
     for i in (one, other):
         if isinstance(i.law, Rigid):
-            directions, values, moved = given_at(problem, i, amplitude, x)
+            both.append(given_at(problem, i, amplitude, x))
         else:
             directions, values = i.law.pattern(amplitude).constraint(i.name, i.sides[0], x)
-            moved = float(np.abs(values).max(initial=0.0))
-        rows, target = np.concatenate([rows, directions]), np.concatenate([target, values], axis=1)
-        size = max(size, moved)
+            both.append((directions, values, float(np.abs(values).max(initial=0.0))))
+    rows, target = np.concatenate([r for r, _, _ in both]), np.concatenate([v for _, v, _ in both], axis=1)
+    size = max(moved for _, _, moved in both)
     off = target @ np.linalg.pinv(rows, rcond=1e-6).T @ rows.T - target
     said = partial(_differ, f"{one.name!r} and {other.name!r}", "points")
     return {"points": Off(off, size, said)}
@@ -361,8 +361,8 @@ def moments_of(problem: Problem, times: Array | None) -> set[float]:
 
 def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> None:
     """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept,
-    supports that contradict motions of rigid faces, and displacements and given motions of two parts that meet
-    at a glued joint.
+    supports that contradict motions of rigid faces, and what supports and given motions of two parts prescribe
+    where they meet at a glued joint.
 
     A kept interface prescribes what an eliminated one does: no field has both values, and forces that enforce
     them grow without limit as an iteration goes on. Different amplitudes may agree at all moments.

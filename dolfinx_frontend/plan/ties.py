@@ -81,16 +81,17 @@ def given_at(
     own = cast(Rigid, lead.law.pattern(amplitude))
     if own.plane:
         given = np.array([] if own.tilts else list(own.motions().values()), dtype=np.float64)
-        return lead.sides[0].normal[None][: len(given)], np.tile(given, (len(x), 1)), float(np.abs(given).sum())
+        moved = float(np.abs(given).sum())
+        return lead.sides[0].normal[None][: len(given)], np.tile(given, (len(x), 1)), moved
     nodes = [problem.substructures[i.sides[0].substructure].dof_coordinates[i.sides[0].nodes] for i in group]
     every = np.unique(np.concatenate(nodes), axis=0)
     centre, length = every.mean(axis=0), max(float(np.ptp(every, axis=0).max()), 1e-300)
     rows, values = given_motions(own, centre, length)
     known = np.linalg.pinv(rows)
-    moved = known @ values
+    motion = known @ values
     modes = rigid_modes(x, centre, length)
     axes = [c for c in range(d) if np.abs(modes[:, c] - modes[:, c] @ known @ rows).max() < _LEVEL]
-    return np.eye(d)[axes], modes[:, axes] @ moved, float(np.abs(moved).max(initial=0.0))
+    return np.eye(d)[axes], modes[:, axes] @ motion, float(np.abs(motion).max(initial=0.0))
 
 
 def _groups(

@@ -76,7 +76,6 @@ def test_a_history_that_cannot_be_written_leaves_the_older_one(history: Any, tmp
     assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
 
 
-
 def series(path: Path) -> dict[float, Any]:
     reader = pyvista.PVDReader(path)
     out = {}

@@ -263,7 +263,7 @@ def test_the_same_function_of_time_written_otherwise_is_no_contradiction(other, 
 @pytest.mark.parametrize("other", ["support", "plane", "rigid"])
 @pytest.mark.parametrize("tie", ["plane", "rigid", "turned"])
 @pytest.mark.parametrize("late", [False, True])
-def test_given_motions_beside_a_glued_joint_are_refused_where_they_contradict(tie, other, cells, active, late):
+def test_given_motions_that_contradict_at_a_glued_joint_are_refused(tie, other, cells, active, late):
     """The faces z = 0 of two glued blocks meet at the joint: one is moved by another displacement."""
     ramp = lf.Amplitude([0, 1, 2], [0, 0, 1]) if late else lf.Amplitude([0, 1, 2], [0, 1, 1])
     scene = Scene()
