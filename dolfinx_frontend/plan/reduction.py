@@ -361,8 +361,8 @@ def moments_of(problem: Problem, times: Array | None) -> set[float]:
 
 def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> None:
     """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept,
-    supports that contradict motions of rigid faces, and what supports and given motions of two parts prescribe
-    where they meet at a glued joint.
+    supports that contradict motions of rigid faces, and what supports and given motions of two parts
+    prescribe where they meet at a glued joint.
 
     A kept interface prescribes what an eliminated one does: no field has both values, and forces that enforce
     them grow without limit as an iteration goes on. Different amplitudes may agree at all moments.
