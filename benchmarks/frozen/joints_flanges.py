@@ -438,3 +438,65 @@ def pipe_flange_of_35_parts(rtol: float) -> Any:
     r = solved(problem, rtol, [1.0, 2.0])
     normal = r.force(demo.SEAT)[:, :, 0] @ problem.interfaces[demo.SEAT].weights
     return {"answer": r, "gasket@0": float(normal[0])}
+
+
+# --- one bolt of 10 x 10 x 40 between walls, without cross contraction ---
+
+STIFF = 200e3 * 100.0 / 40.0
+TORQUE, PITCH, SIZE, THREAD, HEAD = 40e3, 1.75, 12.0, 0.12, 0.14
+TURNED, LOST = 9.0, 0.002
+OF_TORQUE = TORQUE / (
+    PITCH / (2 * math.pi)
+    + THREAD * (SIZE - 0.649519 * PITCH) / (2 * math.cos(math.radians(30)))
+    + HEAD * 1.3 * SIZE / 2
+)
+VDI = "VDI 2230: M = F (P / 2 pi + mu_G d2 / (2 cos 30) + mu_K D_Km / 2)"
+LENGTHS = {
+    "torque": Right(OF_TORQUE, 1e-3, f"{VDI}; the mean diameter of the head is that of the docs, 1.3 d"),
+    "angle": Right(PITCH * TURNED / 360 * STIFF, 1e-6, "pitch times share of a turn, times E A / L"),
+    "embedding": Right(12e3 - LOST * STIFF, 1e-6, "12 kN less the lost length times E A / L"),
+    "von Mises": Right((12e3 - LOST * STIFF) / 100.0, 1e-6, "the only stress is force over area"),
+}
+
+
+@scene("joints", right=LENGTHS)
+def a_bolt_tightened_in_four_ways(rtol: float) -> Any:
+    """By torque, by angle, and by force with embedding after it."""
+
+    def bolt(law: lf.Preload, times: list[float] | None = None) -> tuple[float, Any]:
+        assembly = lf.Scene()
+        for name, z in (("lower", 0.0), ("upper", 20.0)):
+            box = lf.geometry.box((10, 10, 20), (1, 1, 2), origin=(0, 0, z))
+            assembly.substructure(name, box, lf.LinearElastic(200e3, 0.0), degree=1)
+            assembly.symmetry([f"{name}:x0", f"{name}:y0"])
+        assembly.interface("bolt", "lower:z1", "upper:z0", law)
+        assembly.fix(["lower:z0", "upper:z1"], components=2)
+        problem = lf.assemble(assembly)
+        result = solved(problem, rtol, times, active="all")
+        force = np.asarray(result.force("bolt")).reshape(-1, problem.interfaces["bolt"].num_points, 3)
+        return float(force[-1, :, 0] @ problem.interfaces["bolt"].weights), result
+
+    sizes = {"d": SIZE, "pitch": PITCH, "mu_thread": THREAD, "mu_head": HEAD}
+    torque, _ = bolt(lf.Preload(torque=TORQUE, **sizes))
+    angle, _ = bolt(lf.Preload(angle=TURNED, pitch=PITCH))
+    embedding, result = bolt(lf.Preload(12e3, until=1.0, embedding=LOST), [1.0, 2.0])
+    mises = result.stress("lower", of="von Mises").x.array.max()
+    return {"answer": result, "torque": torque, "angle": angle, "embedding": embedding, "von Mises": mises}
+
+
+OPEN = Right(70.0, 0.1, "resultant at 1 from the edge: pressure on a triangle of 3, but for cells of 1.25")
+
+
+@scene("joints", right={"open": OPEN})
+def a_face_that_is_partly_open(rtol: float) -> Any:
+    """Areas that are open or slip, of a block that a force beyond its middle tilts on a rigid ground."""
+    assembly = lf.Scene()
+    box = lf.geometry.box((10, 10, 10), (8, 4, 4), cell="hexahedron")
+    assembly.substructure("block", box, lf.LinearElastic(200e3, 0.0), degree=1)
+    assembly.interface("ground", "block:z0", lf.Contact(friction=0.3))
+    assembly.symmetry("block:y0")
+    assembly.force("block:z1", (150.0, 0.0, -1000.0), point=(7.5, 5.0, 10.0), name="weight")
+    result = solved(lf.assemble(assembly), rtol)
+    table = result.table("ground")
+    areas = {name: table.value(f"{name}_area", "ground") for name in ("open", "slip")}
+    return {"answer": result, **areas}
