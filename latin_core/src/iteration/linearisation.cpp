@@ -119,10 +119,11 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws,
 }
 
 /// Every rank factorises the same matrices: they agree that all could.
-void Linearisation::factorise(const std::vector<Matrix>& slopes, const Communicator& communicator) {
+void Linearisation::factorise(const std::vector<Matrix>& slopes, double hold,
+                              const Communicator& communicator) {
   communicator.answer_together("the structure is not stable with the tangents of its laws", [&] {
     for (std::size_t i = 0; i < slopes.size(); ++i) {
-      tangents_[i]->factorise(slopes[i], least_hold);
+      tangents_[i]->factorise(slopes[i], hold);
     }
   });
 }
@@ -131,12 +132,19 @@ void Linearisation::take_transposed(const substructure::Laws& laws, const State&
   know_structure(laws);
   Slopes slopes = slopes_of(laws, state);
   transpose(slopes.distinct, tangents_.front()->joined());
-  take(laws, std::move(slopes));
+  take(laws, std::move(slopes), least_hold);
 }
 
-bool Linearisation::take(const substructure::Laws& laws, const State& state) {
+bool Linearisation::take(const substructure::Laws& laws, const State& state, double hold) {
   know_structure(laws);
-  return take(laws, slopes_of(laws, state));
+  return take(laws, slopes_of(laws, state), hold);
+}
+
+void Linearisation::take_column(const substructure::Laws& laws, const State& state, Index column,
+                                double hold) {
+  know_structure(laws);
+  std::vector<Matrix> slopes = slopes_at(laws, state, tangents_.front()->joined());
+  take(laws, Slopes{{std::move(slopes[static_cast<std::size_t>(column)])}, {0}}, hold);
 }
 
 void Linearisation::know_structure(const substructure::Laws& laws) {
@@ -147,8 +155,8 @@ void Linearisation::know_structure(const substructure::Laws& laws) {
   }
 }
 
-bool Linearisation::take(const substructure::Laws& laws, Slopes now) {
-  bool changed = now.distinct.size() != slopes_.size();
+bool Linearisation::take(const substructure::Laws& laws, Slopes now, double hold) {
+  bool changed = now.distinct.size() != slopes_.size() || hold != hold_;
   for (std::size_t i = 0; i < now.distinct.size() && !changed; ++i) {
     changed = !alike(now.distinct[i], slopes_[i]);
   }
@@ -163,8 +171,9 @@ bool Linearisation::take(const substructure::Laws& laws, Slopes now) {
         each = std::make_shared<Tangent>(laws.structure(), joined);
       }
     }
-    factorise(now.distinct, laws.structure().communicator());
+    factorise(now.distinct, hold, laws.structure().communicator());
     slopes_ = std::move(now.distinct);
+    hold_ = hold;
   }
   return changed;
 }

@@ -22,6 +22,8 @@ constexpr double unknown_error = std::numeric_limits<double>::infinity();
 constexpr Index observing_depth = 10;
 /// Steps of its own that an accelerated run needs where nothing checks its estimate.
 constexpr Index own_steps = 3;
+/// A search ends when the residual has fallen to this, times the tolerance.
+constexpr double search_until = 1e-3;
 constexpr Index most_checks = 5;
 /// Steps of Newton's method that refine what it has found before a column without equilibrium.
 constexpr Index most_refined = 12;
@@ -266,7 +268,8 @@ Measured Run::rescue(Measured measured) {
     }
     measured = stages_.measure(at(), history_, stop_);
   }
-  if (verification_->search(state_, residual_, options_.max_iterations)) {
+  const double least = search_until * options_.rtol * measured.residual;
+  if (verification_->search(state_, residual_, least, options_.max_iterations)) {
     state_ = verification_->better();
     residual_ = verification_->better_residual();
     history_.clear();

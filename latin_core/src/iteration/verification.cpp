@@ -50,10 +50,20 @@ constexpr double safe_spread = 2.0;
 constexpr double visible = 0.5;
 /// Time steps of a history with memory, each of which has tangents of its own.
 constexpr Index most_steps_of_history = 16;
+/// Steps of a search, and plain steps where those do not help.
+constexpr Index most_of_search = 200;
+constexpr Index first_pause = 4;
+/// A residual of a search may grow by this: it does where a part begins to move.
+constexpr double bearable_growth = 1.2;
+/// A step of a history whose residual has fallen to this, relative to that of the whole, is one to go on from.
+constexpr double found_enough = 1e-3;
 /// A residual below this fraction of the data is an answer, if a search says so.
 constexpr double balanced = 1e-9;
 /// The error that rounds of a search leave, relative to the change of the last one.
 constexpr double rounds_left = 3.0;
+/// Springs that hold the bodies, relative to the search direction.
+constexpr double largest_hold = 25.0;
+constexpr double least_hold = Linearisation::least_hold;
 /// After so many steps those that are within so many times rounding are short enough.
 constexpr Index first_of_rounding = 3;
 constexpr double within_rounding = 10.0;
@@ -398,20 +408,107 @@ bool Verification::stays_in_branch(const Matrix& step) const {
          linear_->near(stages_.laws(), {better_.data + step, better_.traces + moved_});
 }
 
-bool Verification::search(const State& state, const Matrix& residual, Index most) {
+/// Whether steps of a history are searched for one after the other: what one of them leaves decides the next.
+bool Verification::by_steps() const {
+  const substructure::Laws& laws = stages_.laws();
+  return laws.remembers_anywhere() && laws.steps() > 1 && laws.modes() == 1;
+}
+
+double Verification::norm_of(Columns columns) const {
+  return history_.metric().norm(residual_.middleCols(columns.first, columns.count));
+}
+
+/// A step with bodies held by springs of that fraction of k. @return whether it is one to go on from
+bool Verification::held_step(Columns columns, double hold, double& norm) {
+  Matrix step = residual_.middleCols(columns.first, columns.count);
+  try {
+    if (by_steps() && columns.count == 1) {
+      linear_->take_column(stages_.laws(), better_, columns.first, hold);
+    } else {
+      linear_->take(stages_.laws(), better_, hold);
+    }
+    linear_->correct(step, moved_);
+  } catch (const NumericalError&) {
+    return false;
+  }
+  if (!everywhere(step.allFinite())) {
+    return false;
+  }
+  State trial{better_.data, Matrix(better_.data.rows(), better_.data.cols())};
+  trial.data.middleCols(columns.first, columns.count) += step;
+  Matrix residual(trial.data.rows(), trial.data.cols());
+  if (!evaluate(trial, residual)) {
+    return false;
+  }
+  const double now = history_.metric().norm(residual.middleCols(columns.first, columns.count));
+  if (!(now <= bearable_growth * norm)) {
+    return false;
+  }
+  better_ = std::move(trial);
+  residual_ = std::move(residual);
+  norm = now;
+  return true;
+}
+
+/// Averaged steps, which come nearer to the answer of every monotone law.
+void Verification::plain_steps(Columns columns, Index count, double& norm) {
+  for (Index i = 0; i < count; ++i) {
+    better_.data.middleCols(columns.first, columns.count) +=
+        averaged_share * residual_.middleCols(columns.first, columns.count);
+    if (!evaluate(better_, residual_)) {
+      norm = std::numeric_limits<double>::infinity();
+      return;
+    }
+  }
+  norm = norm_of(columns);
+}
+
+bool Verification::search(const State& state, const Matrix& residual, double least, Index most) {
+  const double first = history_.metric().norm(residual);
   settled_.reset();
+  Best best{state, residual, first};
+  if (Multipliers::suits(stages_.laws()) && by_multipliers(state, most, best)) {
+    better_ = std::move(best.state);
+    residual_ = std::move(best.residual);
+    return true;
+  }
+  const auto again = [&] {
+    better_ = state;
+    residual_ = residual;
+    return stages_.count() + most / 2;
+  };
+  if (!known(stages_.laws())) {
+    better_ = std::move(best.state);
+    residual_ = std::move(best.residual);
+    return best.norm < first;
+  }
+  if (by_steps()) {
+    again();
+    search_steps(least, most / 2, best);
+  }
+  for (const double patience : {0.3, 0.5}) {
+    if (best.norm > least) {
+      const Index until = again();
+      search_once({0, state.data.cols()}, patience, least, until, best);
+    }
+  }
+  better_ = std::move(best.state);
+  residual_ = std::move(best.residual);
+  return best.norm < first;
+}
+
+/// @return whether they have found an answer
+bool Verification::by_multipliers(const State& state, Index most, Best& best) {
   better_ = state;
   residual_.resize(state.data.rows(), state.data.cols());
   bool found = false;
-  bool several = false;
   Matrix left;
-  if (!Multipliers::suits(stages_.laws()) || !evaluate(better_, residual_)) {
+  if (!evaluate(better_, residual_)) {
     return false;
   }
   try {
     Multipliers multipliers(stages_.laws(), linear_->joined());
     found = multipliers.solve(better_, most);
-    several = multipliers.softens();
     linear_->take(stages_.laws(), better_);
     const Whole whole = stages_.whole(better_);
     const Matrix placed = 1.0 - multipliers.placeless().array();
@@ -425,11 +522,84 @@ bool Verification::search(const State& state, const Matrix& residual, Index most
     return false;
   }
   const double norm = history_.metric().norm(residual_);
-  if (found && norm <= balanced * history_.metric().norm(better_.data)) {
-    settled_ = rounds_left * left;
-    return true;
+  const bool enough = norm <= balanced * history_.metric().norm(better_.data);
+  if (norm < best.norm || (found && enough)) {
+    best = {better_, residual_, norm};
+    if (found && enough) {
+      settled_ = rounds_left * left;
+    }
+    return found;
   }
-  return norm < history_.metric().norm(residual) && !several;
+  return false;
+}
+
+/// One step of a history after the other, each from where the last one has ended if that is nearer.
+void Verification::search_steps(double least, Index most, Best& best) {
+  const double first = best.norm;
+  const Index steps = better_.data.cols();
+  const double of_each = least / std::sqrt(static_cast<double>(steps));
+  for (Index step = 0; step < steps; ++step) {
+    const Columns column{step, 1};
+    double norm = norm_of(column);
+    if (step > 0 && norm > of_each) {
+      State moved = better_;
+      moved.data.col(step) = moved.data.col(step - 1);
+      Matrix residual(residual_.rows(), steps);
+      if (evaluate(moved, residual) && history_.metric().norm(residual.col(step)) < norm) {
+        better_ = std::move(moved);
+        residual_ = std::move(residual);
+        norm = norm_of(column);
+      }
+    }
+    const Best start{better_, residual_, norm};
+    Best found = start;
+    for (const double patience : {0.3, 0.5}) {
+      if (found.norm > of_each) {
+        better_ = start.state;
+        residual_ = start.residual;
+        search_once(column, patience, of_each, stages_.count() + most / 2, found);
+      }
+    }
+    const bool lost = found.norm > found_enough * first;
+    better_ = std::move(found.state);
+    residual_ = std::move(found.residual);
+    if (lost) {
+      break;  // the others depend on it
+    }
+  }
+  const double norm = history_.metric().norm(residual_);
+  if (norm < best.norm) {
+    best = {better_, residual_, norm};
+  }
+}
+
+/// @param until    number of global stages at which to stop
+/// @param patience how much less the bodies are held after a step that did not make the residual fall
+void Verification::search_once(Columns columns, double patience, double least, Index until,
+                               Best& best) {
+  double norm = norm_of(columns);
+  double hold = 1.0;
+  for (Index count = 0;
+       count < most_of_search && stages_.count() < until && norm > least && std::isfinite(norm);
+       ++count) {
+    const double before = norm;
+    if (held_step(columns, hold, norm)) {
+      const double fall = norm / before;
+      hold *= fall < 0.5           ? 0.05
+              : fall < 0.95        ? 0.3
+              : fall <= 1.0 + 1e-3 ? patience
+                                   : 3.0 * patience;
+      hold = std::clamp(hold, least_hold, largest_hold);
+    } else if (hold < largest_hold) {
+      hold = std::min(5.0 * hold, largest_hold);
+    } else {
+      plain_steps(columns, first_pause, norm);
+      hold = 1.0;
+    }
+    if (norm < best.norm) {
+      best = {better_, residual_, norm};
+    }
+  }
 }
 
 }  // namespace latin::iteration

@@ -34,15 +34,18 @@ class Linearisation {
   [[nodiscard]] bool fits(const substructure::Laws& laws) const {
     return structure_ == nullptr || structure_ == laws.shared_structure();
   }
-  [[nodiscard]] bool made() const { return !slopes_.empty(); }
+  [[nodiscard]] bool made() const { return !slopes_.empty() && hold_ == least_hold; }
   /// Take the tangents of a state.
+  /// @param hold springs on all bodies, relative to the search direction
   /// @return whether they have changed
   /// @throws NumericalError if the structure is not stable with them
-  bool take(const substructure::Laws& laws, const State& state);
+  bool take(const substructure::Laws& laws, const State& state, double hold = least_hold);
   /// The same with the tangents transposed, for adjoint systems: friction makes them unsymmetric. What is measured
   /// afterwards has no meaning.
   /// @throws NumericalError if the structure is not stable with them
   void take_transposed(const substructure::Laws& laws, const State& state);
+  /// The same for a single column, of histories that are followed step by step: correct() then takes this one.
+  void take_column(const substructure::Laws& laws, const State& state, Index column, double hold);
   /// Whether the tangents of a state, of c columns or of several sets of them, are so near to these that no motion
   /// is soft in one and stiff in the other.
   [[nodiscard]] bool near(const substructure::Laws& laws, const State& state) const;
@@ -93,15 +96,16 @@ class Linearisation {
                                                    const State& state,
                                                    ConstMatrixRef amplitudes) const;
   [[nodiscard]] Slopes slopes_of(const substructure::Laws& laws, const State& state) const;
-  void factorise(const std::vector<Matrix>& slopes, const Communicator& communicator);
+  void factorise(const std::vector<Matrix>& slopes, double hold, const Communicator& communicator);
   void know_structure(const substructure::Laws& laws);
-  bool take(const substructure::Laws& laws, Slopes now);
+  bool take(const substructure::Laws& laws, Slopes now, double hold);
 
   std::shared_ptr<const substructure::Structure> structure_;  ///< tangents look at it
   std::vector<std::shared_ptr<substructure::Tangent>>
       tangents_;                ///< of each distinct linearisation
   std::vector<Matrix> slopes_;  ///< of each of these
   std::vector<std::size_t> of_column_;
+  double hold_ = 0.0;
   Matrix rounding_;  ///< empty: not known
 };
 

@@ -48,11 +48,6 @@ class Multipliers {
   /// @return whether all columns have settled; otherwise those that have not are where they got to
   /// @throws NumericalError if a law has no answer on the way
   bool solve(State& state, Index most);
-  /// Whether a law softens: there are several equilibria, and what is on the way to one may lead to another.
-  [[nodiscard]] bool softens() const {
-    const Vector softening = system_.softening();
-    return softening.size() > 0 && softening.maxCoeff() > 0.0;
-  }
   /// This rank's state before the last round: how far it is away is what the rounds have left of an error, at most.
   [[nodiscard]] const State& before_last() const { return before_last_; }
   /// (columns, bodies of this rank) 1 where a body touches nothing, or touches without force what it can leave: its place is one of

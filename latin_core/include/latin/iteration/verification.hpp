@@ -68,10 +68,13 @@ class Verification {
                                            bool at_most_once = false);
   /// What rounding leaves was measured of a state that is no answer: measure it again.
   void forget_rounding() { linear_->forget_rounding(); }
-  /// Look for the answer itself by Multipliers: what is left to try where an iteration got stuck.
-  /// @param most factorisations
-  /// @return whether it was found, or the residual has fallen on the way to it; better() is that then
-  bool search(const State& state, const Matrix& residual, Index most);
+  /// Look for the answer itself, by steps of the same kind with the bodies held back (pseudo-transient
+  /// continuation, C. T. Kelley and D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508): what is left to try where an
+  /// iteration got stuck.
+  /// @param least residual norm at which to stop
+  /// @param most  global stages
+  /// @return whether the residual has fallen; better() is then where it is least
+  bool search(const State& state, const Matrix& residual, double least, Index most);
   /// Where the last check or search has led to.
   [[nodiscard]] const State& better() const { return better_; }
   [[nodiscard]] const Matrix& better_residual() const { return residual_; }
@@ -91,7 +94,24 @@ class Verification {
                                              const Whole& whole, double rtol, double spread);
   [[nodiscard]] substructure::Sizes leak(const substructure::Sizes& errors, double spread) const;
   [[nodiscard]] bool stays_in_branch(const Matrix& step) const;
+  /// Columns that are searched for: all, or a step of a history with those before it held.
+  struct Columns {
+    Index first;
+    Index count;
+  };
+  struct Best {
+    State state;
+    Matrix residual;
+    double norm;
+  };
+  [[nodiscard]] bool by_steps() const;
+  [[nodiscard]] double norm_of(Columns columns) const;
+  bool held_step(Columns columns, double hold, double& norm);
+  void search_once(Columns columns, double patience, double least, Index until, Best& best);
+  bool by_multipliers(const State& state, Index most, Best& best);
+  void search_steps(double least, Index most, Best& best);
   [[nodiscard]] Matrix carried(Matrix errors) const;
+  void plain_steps(Columns columns, Index count, double& norm);
 
   Stages& stages_;
   Gauge gauge_;
