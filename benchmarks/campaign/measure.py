@@ -38,6 +38,8 @@ FLOORS = 10.0
 """So many times the estimated rounding error is still rounding."""
 LEAST = 1e-10
 """Errors below this are rounding in any case: an iteration's own is not known to the reference."""
+MISREAD = 10.0
+"""Jumps of an iterate, which are those of its laws, may be so much further from those of its displacements."""
 NOISE = 30.0
 """Displacements of so many rounding errors of those of connected parts are none."""
 QUIET = 1e-9
@@ -285,7 +287,7 @@ def broken_laws(
         if not (norm(left) <= of_forces / area or norm(c * left) <= of_motion * area):
             out[name] = norm(left) / max(size, far / float(c.max()))
         if apart > of_motion * area:
-            out[name] = max(out.get(name, 0.0), apart / (reach * area))
+            out[name] = max(out.get(name, 0.0), apart / (MISREAD * reach * area))
         memory[name] = point.remember(j, f)
     return out
 

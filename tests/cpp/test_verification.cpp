@@ -119,7 +119,7 @@ TEST(Verification, ContactInFlightIsFoundBySearch) {
     chain::Evaluated at(laws, Matrix::Ones(1, 1));
     Verification verification(at.stages);
     const double least = 1e-9 * at.norm();
-    ASSERT_TRUE(verification.search(at.state, at.residual, 500)) << gap;
+    ASSERT_TRUE(verification.search(at.state, at.residual, least, 500)) << gap;
     EXPECT_LE(metric_of(laws.structure()).norm(verification.better_residual()), least) << gap;
     EXPECT_LT((verification.better().traces - scene.exact()).norm(), 1e-6 * scene.exact().norm())
         << gap;
@@ -132,7 +132,7 @@ TEST(Verification, ASearchThatFindsNothingBetterSaysSo) {
   chain::Evaluated at(laws, Matrix::Ones(1, 1));
   Verification verification(at.stages);
   const double first = at.norm();
-  const bool fell = verification.search(at.state, at.residual, 500);
+  const bool fell = verification.search(at.state, at.residual, 1e-9 * first, 500);
   const double last = metric_of(laws.structure()).norm(verification.better_residual());
   EXPECT_EQ(fell, last < first);
   EXPECT_GT(last, 0.1);  // its load is carried by nothing
