@@ -39,7 +39,7 @@ FLOORS = 10.0
 LEAST = 1e-10
 """Errors below this are rounding in any case: an iteration's own is not known to the reference."""
 MISREAD = 10.0
-"""Jumps of an iterate, which are those of its laws, may be so much further from those of its displacements."""
+"""Jumps of an iterate, which are those of its laws, may be so much further from its displacements."""
 NOISE = 30.0
 """Displacements of so many rounding errors of those of connected parts are none."""
 QUIET = 1e-9
