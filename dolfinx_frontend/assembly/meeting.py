@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -162,27 +163,26 @@ def supports_that_meet(
 ) -> Iterator[tuple[Interface, Interface, Array]]:
     """Supports and rigid or plane faces of two parts that meet at a glued joint, and points (m, d) where; two
     supports only where the meshes do not match, for others have common nodes."""
-    here = [i for i in interfaces.values() if all(s.substructure in substructures for s in i.sides)]
-    for joint in here:
-        if joint.law.eliminated(True) is not Elimination.GLUED:
-            continue  # no glue, or with a jump
-        met: list[list[tuple[Interface, Array]]] = [[], []]
-        for ends, side in zip(met, joint.sides, strict=True):
-            for i in here:
-                prescribes = i.law.elimination in (Elimination.REMOVED, Elimination.TIED)
-                if prescribes and i.sides[0].substructure == side.substructure:
-                    nodes = np.intersect1d(i.sides[0].nodes, side.nodes)
-                    if len(nodes):
-                        ends.append((i, substructures[side.substructure].dof_coordinates[nodes]))
-        for one, x in met[0]:
-            for other, y in met[1]:
-                tied = Elimination.TIED in (one.law.elimination, other.law.elimination)
-                if joint.matching is not None and not tied:
-                    continue
-                least = NEAR * min(substructures[i.sides[0].substructure].length for i in (one, other))
-                found = np.concatenate([x[_away(x, y) < least], y[_away(y, x) < least]])
-                if len(found):
-                    yield one, other, np.unique(found, axis=0)
+    prescribing: dict[str, list[Interface]] = {}
+    for i in interfaces.values():
+        if i.law.elimination in (Elimination.REMOVED, Elimination.TIED):
+            prescribing.setdefault(i.sides[0].substructure, []).append(i)
+    for joint in interfaces.values():
+        parts = [side.substructure for side in joint.sides]
+        if not substructures.keys() >= {*parts} or joint.law.eliminated(True) is not Elimination.GLUED:
+            continue  # on another rank, no glue, or with a jump
+        for one, other in product(*(prescribing.get(part, []) for part in parts)):
+            tied = Elimination.TIED in (one.law.elimination, other.law.elimination)
+            x, y = (
+                substructures[part].dof_coordinates[np.intersect1d(i.sides[0].nodes, side.nodes)]
+                for part, i, side in zip(parts, (one, other), joint.sides, strict=True)
+            )
+            if not (len(x) and len(y)) or (joint.matching is not None and not tied):
+                continue
+            least = NEAR * min(substructures[part].length for part in parts)
+            found = np.concatenate([x[_away(x, y) < least], y[_away(y, x) < least]])
+            if len(found):
+                yield one, other, np.unique(found, axis=0)
 
 
 def _away(x: Array, line: Array) -> Array:

@@ -151,10 +151,9 @@ def _file_name(number: int, name: str) -> str:
 class _Files(ExitStack):
     """Files that take the places of older ones together, the first last: a failure leaves all of those."""
 
-    def write(self, target: Path, text: Callable[[], str], here: bool = True) -> None:
-        """Write a file on the rank that has it; its text is asked for when its name is taken."""
-        if here:
-            self.enter_context(replaced(target)).write_text(text(), encoding="utf-8")
+    def write(self, target: Path, text: str) -> None:
+        """Write a file beside its place."""
+        self.enter_context(replaced(target)).write_text(text, encoding="utf-8")
 
 
 def _write_index(files: _Files, target: Path, blocks: Blocks, rank: int) -> None:
@@ -181,10 +180,10 @@ def _write_index(files: _Files, target: Path, blocks: Blocks, rank: int) -> None
 
     text = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0">']
     inside = ["  <vtkMultiBlockDataSet>", *lines(blocks, "    "), "  </vtkMultiBlockDataSet>"]
-    text += [*inside, "</VTKFile>", ""]
-    files.write(target, lambda: "\n".join(text), rank == 0)
+    if rank == 0:
+        files.write(target, "\n".join([*text, *inside, "</VTKFile>", ""]))
     for file, block in grids:
-        files.write(file, lambda block=block: block().text())  # type: ignore[misc]
+        files.write(file, block().text())
 
 
 def write_blocks(
@@ -209,6 +208,7 @@ def _write_series(
     for index, time in zip(indices, times, strict=True):
         lines.append(f'    <DataSet timestep="{float(time)!r}" file="{folder.name}/{index.name}"/>')
     lines += ["  </Collection>", "</VTKFile>", ""]
-    files.write(target, lambda: "\n".join(lines), rank == 0)
+    if rank == 0:
+        files.write(target, "\n".join(lines))
     for step, index in enumerate(indices):
         _write_index(files, index, blocks(step), rank)

@@ -312,10 +312,9 @@ def _at_points(
             directions, values = i.law.pattern(amplitude).constraint(i.name, i.sides[0], x)
             both.append((directions, values, float(np.abs(values).max(initial=0.0))))
     rows, target = np.concatenate([r for r, _, _ in both]), np.concatenate([v for _, v, _ in both], axis=1)
-    size = max(moved for _, _, moved in both)
     off = target @ np.linalg.pinv(rows, rcond=1e-6).T @ rows.T - target
     said = partial(_differ, f"{one.name!r} and {other.name!r}", "points")
-    return {"points": Off(off, size, said)}
+    return {"points": Off(off, max(moved for _, _, moved in both), said)}
 
 
 def _prolongation(classes: _Classes, own: Ints, columns: Ints) -> sp.csr_matrix:

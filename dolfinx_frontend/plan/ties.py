@@ -70,6 +70,13 @@ def given_motions(law: Rigid, centre: Array, length: float) -> tuple[Array, Arra
     return np.reshape(rows, (len(rows), at.shape[1])), np.array(values)
 
 
+def _frame(x: Array) -> tuple[Array, float]:
+    """Centre of points (p, d), whatever meshes have in common there, and their distance from it."""
+    places = np.unique(x, axis=0)
+    centre = places.mean(axis=0)
+    return centre, max(float(np.sqrt(((places - centre) ** 2).sum(axis=1).mean())), 1e-300)
+
+
 def given_at(
     problem: Problem, interface: Interface, amplitude: Amplitude | None, x: Array
 ) -> tuple[Array, Array, float]:
@@ -84,12 +91,10 @@ def given_at(
         moved = float(np.abs(given).sum())
         return lead.sides[0].normal[None][: len(given)], np.tile(given, (len(x), 1)), moved
     nodes = [problem.substructures[i.sides[0].substructure].dof_coordinates[i.sides[0].nodes] for i in group]
-    every = np.unique(np.concatenate(nodes), axis=0)
-    centre, length = every.mean(axis=0), max(float(np.ptp(every, axis=0).max()), 1e-300)
+    centre, length = _frame(np.concatenate(nodes))
     rows, values = given_motions(own, centre, length)
-    known = np.linalg.pinv(rows)
+    known, modes = np.linalg.pinv(rows), rigid_modes(x, centre, length)
     motion = known @ values
-    modes = rigid_modes(x, centre, length)
     axes = [c for c in range(d) if np.abs(modes[:, c] - modes[:, c] @ known @ rows).max() < _LEVEL]
     return np.eye(d)[axes], modes[:, axes] @ motion, float(np.abs(motion).max(initial=0.0))
 
@@ -223,8 +228,7 @@ def _equations(
     given of them: rows (k, r) and values (k,)."""
     law, x = group.law, group.x
     d = x.shape[1]
-    centre = x.mean(axis=0)
-    length = max(float(np.sqrt(((x - centre) ** 2).sum(axis=1).mean())), 1e-300)
+    centre, length = _frame(x)
     modes = rigid_modes(x, centre, length)
     if law.plane:
         along = np.einsum("i,pir->pr", group.normal, modes)

@@ -63,7 +63,7 @@ NUMBERED = 10
 
 _REMEDIES = {
     "max_iterations": "allow more with Options(max_iterations=...)",
-    "stagnated": "apply the loads in more steps, or check what the last forces hold",
+    "stagnated": "leave method, direction and options to solve, or apply the loads in more steps",
     "diverged": "check that every part is held where contacts slip or open",
     "interrupted": "go on from here with start=result",
     UNDETERMINED: "hold what is free (the log names it), or leave such values out",

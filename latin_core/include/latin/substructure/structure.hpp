@@ -146,12 +146,13 @@ class Structure {
 
   /// Whether some interface is paired, on any rank.
   [[nodiscard]] bool pairs() const { return pairs_; }
-  /// A side of a paired interface that is on this rank.
+  /// Body that has a row.
   [[nodiscard]] std::size_t body_of_row(Index row) const;
   /// Numbers of shared interfaces, of which the neighbour says its own, behind which there may be zeros. Collective.
   [[nodiscard]] std::vector<std::vector<double>> swapped(
       const std::vector<std::size_t>& interfaces,
       const std::vector<std::vector<double>>& own) const;
+  /// A side of a paired interface that is on this rank.
   [[nodiscard]] PairSide pair_side(const ActiveInterface& interface, std::size_t side) const;
   /// Number of coarse unknowns of all ranks; 0: the global stage is not followed by a coarse problem.
   [[nodiscard]] Index macro_size() const { return macro_size_; }
