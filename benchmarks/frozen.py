@@ -5,7 +5,8 @@ time and memory. What is different beyond the errors that were said at the freez
 that grew; a difference that has no row in ``frozen/differences.md`` is a failure. ``--freeze`` writes what
 the library answers now into the file: of the groups and scenes that are chosen only, the others are kept.
 ``--accept`` enters the new answers of scenes all of whose differences have a row, and of those that were bad
-and are right now: a later state is held against them.
+and are right now: a later state is held against them. ``--recount REASON`` enters the counts of scenes that
+answer what they must; the reason stands in the file and is printed where counts grow again.
 """
 
 from __future__ import annotations
@@ -211,7 +212,7 @@ def freeze(given: argparse.Namespace, python: str, known: Record) -> int:
     if not given.only and not given.new:
         gone = [n for n in store.chosen(records, None, given.groups) if n not in names]
         records = {name: each for name, each in records.items() if name not in gone}
-    head = {"commit": commit(given.library or MAIN.parents[1]), "rtol": RTOL}
+    head |= {"commit": commit(given.library or MAIN.parents[1]), "rtol": RTOL}
     count, told = 0, Counter[str]()
 
     def done(record: Record, seconds: float) -> None:
@@ -282,7 +283,7 @@ def check(given: argparse.Namespace, python: str, known: Record) -> int:
     open_ = [each for each in different if store.excusing(table, each.scene, each.key) is None]
     grown = [each for name in sorted(found) for each in compare.grown(records[name], found[name])]
     better = [name for name in sorted(found) if compare.mended(records[name], found[name])]
-    _report(found, different, open_, grown, better)
+    _report(found, different, open_, grown, better, head.get("counted", head["commit"]))
     if given.accept:
         state = commit(given.library or MAIN.parents[1])
         for name in {each.scene for each in different} - {each.scene for each in open_} - {*absent, *unknown}:
@@ -290,6 +291,11 @@ def check(given: argparse.Namespace, python: str, known: Record) -> int:
         for name in better:
             kept = {key: each for key, each in records[name].items() if key not in ("known_bad", "what")}
             records[name] = kept | found[name] | {"accepted": state}
+    if given.recount:
+        for name in found.keys() - {each.scene for each in open_}:
+            records[name] = {**records[name], "counts": found[name]["counts"]}
+        head["counted"] = f"{commit(given.library or MAIN.parents[1])}: {given.recount}"
+    if given.accept or given.recount:
         store.write(records, head, given.file)
     if given.json is not None:
         given.json.parent.mkdir(parents=True, exist_ok=True)
@@ -310,11 +316,17 @@ def check(given: argparse.Namespace, python: str, known: Record) -> int:
 
 
 def _report(
-    found: dict[str, Record], different: list[Any], open_: list[Any], grown: list[Any], better: list[str]
+    found: dict[str, Record],
+    different: list[Any],
+    open_: list[Any],
+    grown: list[Any],
+    better: list[str],
+    counted: str,
 ) -> None:
     scenes = len({each.scene for each in open_})
     if grown:
         print(f"\ncounts that grew: {len(grown)}, in {len({each.scene for each in grown})} scenes")
+        print(f"  against those of {counted}")
         for key, many in Counter(each.key.split(".")[-1] for each in grown).most_common():
             print(f"  {key}: {many} times")
         for each in grown[:200]:
@@ -346,6 +358,7 @@ def main() -> int:
         "--new", action="store_true", help="with --freeze: only scenes that are not in the file"
     )
     parser.add_argument("--accept", action="store_true", help="enter answers that have a row or are mended")
+    parser.add_argument("--recount", metavar="REASON", help="enter the counts of now, and why they grew")
     parser.add_argument("--groups", help="some of them, e.g. joints,cases")
     parser.add_argument(
         "--only", metavar="PATTERN", help="scenes whose name has it, or fits it as in a shell"

@@ -441,6 +441,60 @@ def posteriors(rtol: float) -> Any:
     }
 
 
+def of_prior(levels: tuple[float, ...], data: tuple[float, ...], noise: float) -> list[float]:
+    """Quantiles of the stiffness of a layer after measurements of the end, by an integral over its prior."""
+    germ = np.linspace(-8.0, 8.0, 400_001)
+    spread = math.sqrt(math.log(1.0 + 0.3**2))
+    stiffness = 50.0 * np.exp(spread * germ - spread**2 / 2)
+    misfit = sum((each - moved(stiffness)) ** 2 for each in data)
+    density = np.exp(-(germ**2) / 2 - misfit / (2 * noise**2))
+    share = np.cumsum(density) / density.sum()
+    return [float(np.interp(level, share, stiffness)) for level in levels]
+
+
+LEVELS, MEASURED = (0.05, 0.5, 0.95), (0.2105, 0.2180, 0.2141)
+
+
+@scene(GROUP, {
+    f"layer.{level:g}": Right(value, 3e-3, "an integral over the prior")
+    for level, value in zip(LEVELS, of_prior(LEVELS, MEASURED, 0.005), strict=True)
+}, limit=120.0)
+def quantiles_of_a_posterior(rtol: float) -> Any:
+    """"calibrate(...).quantile": of a stiffness that three measurements narrow."""
+    layer = bars(lf.LogNormal("k", 50.0, cov=0.3))
+    found = lf.calibrate(layer, end(layer), list(MEASURED), 0.005, options=lf.Options(rtol=rtol))
+    quantiles = {f"{level:g}": found.quantile("k", level) for level in LEVELS}
+    return {"layer": {key: within(each, 2e-3 * each) for key, each in quantiles.items()}}
+
+
+def light_part() -> lf.Problem:
+    """Two squares pressed together, and a third one of 1e-5 of their load that flies through a gap."""
+    made = lf.Scene()
+    moduli = {"a": lf.LogNormal("Ea", 2e5, cov=0.3), "b": 2e5, "c": lf.LogNormal("Ec", 2e5, cov=0.3)}
+    for name, corner in (("a", (0.0, 0.0)), ("b", (0.0, 1.0)), ("c", (3.0, 0.0))):
+        square = lf.geometry.box((1.0, 1.0), (3, 3), origin=corner)
+        made.substructure(name, square, lf.LinearElastic(moduli[name], 0.3), degree=1)
+        made.symmetry(f"{name}:x0", name=f"side_{name}")
+    made.fix("a:y0", name="foot")
+    made.interface("joint", "a:y1", "b:y0", lf.Contact(friction=0.2))
+    made.interface("heavy", "b:y1", lf.Traction(np.array((5.0, -100.0))))
+    made.interface("stop", "c:y0", lf.Contact(gap=0.01))
+    made.interface("light", "c:y1", lf.Traction(np.array((0.0, -1e-3))))
+    return lf.assemble(made)
+
+
+@scene(GROUP, {"stop": Right(-1e-3, 1e-4, BALANCE)})
+def a_light_part_with_random_moduli(rtol: float) -> Any:
+    """"a light part that lands": the mean force of its stop, where the iteration alone gives up."""
+    problem = light_part()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        chaos = lf.solve(problem, chaos=lf.Chaos(1, check_points=0), options=options(rtol))
+    weights = problem.interfaces["stop"].weights
+    force = chaos.quantity(lambda block: block.force("stop")[..., 0] @ weights, "force")
+    return {"chaos": str(chaos.status), "stop": within(force.mean().value, 1e-7)}
+
+
 def on_each_other(law: Any, stiffness: Any = 1.0) -> lf.Scene:
     """Two blocks with a law and weak springs between."""
     made = lf.Scene()

@@ -500,3 +500,22 @@ def a_face_that_is_partly_open(rtol: float) -> Any:
     table = result.table("ground")
     areas = {name: table.value(f"{name}_area", "ground") for name in ("open", "slip")}
     return {"answer": result, **areas}
+
+
+TILTS = {f"open@{k}": Right(right, 0.1, "contact on 3 (b / 2 - e) of b, pressure on a triangle")
+         for k, right in ((1, 25.0), (2, 55.0))} | {"open@0": Right(0.0, 1e-9, "e below b / 6")}
+
+
+@scene("joints", right=TILTS)
+def a_footing_that_opens(rtol: float) -> Any:
+    """A stiff block on a soft bed that only pushes, under a side load that grows: e of 1.5, 2.5, 3.5 of 10."""
+    assembly = lf.Scene()
+    box = lf.geometry.box((10, 10, 10), (40, 1, 2), cell="hexahedron")
+    assembly.substructure("block", box, lf.LinearElastic(200e3, 0.0), degree=1)
+    assembly.interface("bed", "block:z0", lf.Contact(stiffness=10.0, friction=0.8))
+    assembly.symmetry("block:y0")
+    times = [1.0, 2.0, 3.0]
+    side = lf.Amplitude([0.0, *times], [0.0, 150.0, 250.0, 350.0]) * 1.0
+    assembly.force("block:z1", (side, 0.0, -1000.0), point=(5.0, 5.0, 10.0), name="load")
+    table = solved(lf.assemble(assembly), rtol, times).table("bed", step=None)
+    return {f"open@{k}": table.value("open_area", "bed", time=t) for k, t in enumerate(times)}
