@@ -42,7 +42,7 @@ class Newton(NamedTuple):
     Attributes
     ----------
     steps
-        Accelerated steps before it, see ``Options.newton``; 0: there is none.
+        Accelerated steps before it, see ``Options.newton``; 0: none is planned.
     dense
         Unknowns of the interfaces of all ranks where it has their dense flexibility, else 0.
     flops, memory

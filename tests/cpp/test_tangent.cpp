@@ -225,22 +225,24 @@ TEST(Tangent, ADenseMatrixIsAsStableAsASparseOne) {
     const Laws laws = chain::Scene{.parts = parts}.build();
     Tangent tangent(laws.structure());
     const Index unknowns = tangent.flexibility().size();
-    const Matrix springs = Matrix::Constant(unknowns, 1, 1.0);
-    tangent.factorise_stiffness(springs, 0.0);
+    const auto slopes_of = [&](const Vector& stiffness) {
+      return Matrix((stiffness.cwiseInverse() + tangent.flexibility()).cwiseInverse());
+    };
+    const Vector springs = Vector::Ones(unknowns);
+    tangent.factorise(slopes_of(springs), 0.0);
     EXPECT_TRUE(tangent.symmetric()) << parts;
     for (const double held : {0.0, 1e-15}) {  // the wall is the last interface: below rounding
-      Matrix loose = springs;
-      loose.row(wall_of(laws, tangent)).setConstant(held);
+      Vector loose = springs;
+      loose(wall_of(laws, tangent)) = held;
       try {
-        tangent.factorise_stiffness(loose, 0.0);
+        tangent.factorise(slopes_of(loose), 0.0);
         EXPECT_FALSE(tangent.symmetric()) << parts;  // no Cholesky factor is believed
       } catch (const NumericalError&) {
         SUCCEED();
       }
     }
     const double nan = std::numeric_limits<double>::quiet_NaN();
-    EXPECT_THROW(tangent.factorise_stiffness(Matrix::Constant(unknowns, 1, nan), 0.0),
-                 NumericalError)
+    EXPECT_THROW(tangent.factorise(Matrix::Constant(unknowns, 1, nan), 0.0), NumericalError)
         << parts;
   }
 }

@@ -39,10 +39,10 @@ class Options:
     newton
         Newton's method begins after one accelerated step less than this, where a law is nonlinear and no
         column is transformed: on the dense flexibility of the interfaces, column by column of a history,
-        where that matrix and the condensed stiffnesses of the bodies keep to `memory_limit`; else by Gauss
-        and Newton in a growing space of interface data. It begins sooner where the accelerated iteration
-        stagnates, and after half of `max_iterations` at the latest. The work of a step counts as
-        iterations: on one of T columns 1/T of its stages. 0 or False: never; 1 or True: at once;
+        where that matrix and the condensed stiffnesses of the bodies keep to `memory_limit`; else with the
+        whole bodies. After half of `max_iterations` it begins at the latest. The work of a step counts as
+        iterations: on one of T columns 1/T of its stages. 0 or False: only where the run would give up,
+        and the bodies are condensed at no great price; 1 or True: at once;
         ``"automatic"``: by the Python frontend, at once where laws with memory make the answer a matter of
         the way to it, else when the iterations so far have cost as much as the flexibility will; without
         it, 1.

@@ -20,6 +20,7 @@ constexpr std::size_t most_tangents = 16;
 constexpr double no_slope = 1e-9;
 /// Forces of a column are measured with this fraction of the largest column at least.
 constexpr double quiet_column = 1e-3;
+constexpr double nothing_of = 1e-30;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
@@ -138,13 +139,6 @@ void Linearisation::take_transposed(const substructure::Laws& laws, const State&
 bool Linearisation::take(const substructure::Laws& laws, const State& state, double hold) {
   know_structure(laws);
   return take(laws, slopes_of(laws, state), hold);
-}
-
-void Linearisation::take_column(const substructure::Laws& laws, const State& state, Index column,
-                                double hold) {
-  know_structure(laws);
-  std::vector<Matrix> slopes = slopes_at(laws, state, tangents_.front()->joined());
-  take(laws, Slopes{{std::move(slopes[static_cast<std::size_t>(column)])}, {0}}, hold);
 }
 
 void Linearisation::know_structure(const substructure::Laws& laws) {
@@ -304,6 +298,9 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
   const Matrix left = nodal(0.5 * residual);
   const Matrix data = nodal(state.data);
   const std::vector<Index>& first = tangents_.front()->first_active();
+  // what is rounding of rounding of others is no force
+  const double nothing = structure.communicator().largest(
+      nothing_of * (data.size() > 0 ? data.cwiseAbs().maxCoeff<keep_nan>() : 0.0));
   double largest = 0.0;
   for (std::size_t b = 0; b + 1 < first.size(); ++b) {
     const auto rows = Eigen::seq(first[b], first[b + 1] - 1);
@@ -313,7 +310,7 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
     for (Index column = 0; column < sizes.size(); ++column) {
       const double size = larger(sizes(column), least);
       const double of_terms = data.col(column)(rows).norm();
-      if (size != 0.0 && !(missing(column) <= rounding * of_terms)) {
+      if (!(size <= nothing) && !(missing(column) <= rounding * of_terms)) {
         largest = larger(largest, missing(column) / size);
       }
     }

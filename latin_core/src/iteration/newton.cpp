@@ -20,9 +20,13 @@ constexpr Index most_searched = 60;
 constexpr double shortest = 0.01;
 /// What a step that is shortened has to make the residual fall by, relative to its share.
 constexpr double enough = 0.1;
+/// An answer is looked at so often again.
+constexpr int most_refined = 2;
 /// A residual that comes back to these digits so often goes in circles.
 constexpr double digits = 1e3;
 constexpr int most_returns = 3;
+/// What is left of a residual that was so much larger is rounding.
+constexpr double rounding_of_sums = 1e-14;
 /// A step moves what hangs on nothing no further than so many times what the jumps, the gaps and the loads are large: it
 /// may touch something on the way.
 constexpr double farthest = 10.0;
@@ -30,6 +34,13 @@ constexpr double farthest = 10.0;
 constexpr double same_answer = 1e-6;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
+/// Compliances in series with the laws, relative to the flexibility at which these are asked: at first, how much softer
+/// where steps do not arrive and how much stiffer where they do, the softest, and how many are tried.
+constexpr double first_softness = 1.0;
+constexpr double softer = 10.0;
+constexpr double less_soft = 0.5;
+constexpr double most_softness = 1e6;
+constexpr Index most_rounds = 12;
 /// Springs on the modes, relative to the search direction: the first, how much weaker the next is, and the last.
 constexpr double first_spring = 0.1;
 constexpr double weaker = 0.1;
@@ -130,8 +141,16 @@ Newton::Column Newton::started(Index index, const Vector& force, ConstVectorRef 
   return column;
 }
 
+Vector Newton::forces(const Column& column) const {
+  return system_.forces(column.index, memory_, stretched_jump(column), (1.0 + softness_) * own_);
+}
+
+Matrix Newton::slopes(const Column& column) const {
+  return system_.slopes(column.index, memory_, stretched_jump(column), (1.0 + softness_) * own_);
+}
+
 void Newton::evaluate(Column& column) {
-  column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
+  column.phi = forces(column) - column.before - column.y;
   column.norm = std::hypot(skeleton_->size_of(column.phi),
                            system_.follow_first(skeleton_->size_of_imbalance(imbalance(column))));
 }
@@ -199,6 +218,9 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
                     skeleton_->size_of(column.force() - of_own.force()) <= same_answer * scale_;
   if ((found || slides_) && !same) {
     commit(state, column);
+    if (found && softens_) {  // a long way has left its rounding, and is not gone again
+      refine(state, column, tolerance, steps);
+    }
   } else {
     // that it was there is found again, but for rounding
     state.data.col(index) = own.data;
@@ -206,6 +228,17 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
     column = same ? of_own : column;
   }
   return found;
+}
+
+void Newton::refine(State& state, Column& column, double tolerance, Index& steps) {
+  for (int round = 0; round < most_refined; ++round) {
+    Column again = begin(state, column.index);
+    if (again.norm <= tolerance * scale_ || !attempt(again, tolerance, {}, steps)) {
+      return;
+    }
+    column = again;
+    commit(state, column);
+  }
 }
 
 /// From the answer of the step before.
@@ -231,6 +264,10 @@ bool Newton::march(const State& state, Column& column, double tolerance, Index& 
   if (lost(column)) {
     return false;
   }
+  if (soften(column, tolerance, steps) && (!gone(column) || hangs(column, column.start.loads))) {
+    return true;
+  }
+  column = start;
   if (drift(column, tolerance, steps) || slides_) {
     return !slides_;
   }
@@ -258,6 +295,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
   std::map<long, int> seen;
   double share = 0.0;
   double before = 0.0;
+  const double first = column.norm;
   for (Index count = 0; count < most; ++count) {
     const double size = std::max(scale_, skeleton_->size_of(column.force()));
     if (count > 0 && share == 1.0 && column.norm <= tolerance * size) {
@@ -266,7 +304,8 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     if (!std::isfinite(column.norm)) {
       return false;
     }
-    if (share == 1.0 && column.norm <= rounding_of_forces * size && 2.0 * column.norm > before) {
+    const double rounding = std::max(rounding_of_forces * size, rounding_of_sums * first);
+    if (share == 1.0 && column.norm <= rounding && 2.0 * column.norm > before) {
       return true;
     }
     if (column.norm > 0.0 &&
@@ -283,7 +322,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
           times(tangent, layout.first, layout.components, column.jump - way.predictor->jump) -
           column.force();
     } else {
-      tangent = system_.slopes(column.index, memory_, column.jump, own_);
+      tangent = slopes(column);
     }
     stopped_ = stopped_ || (goes_on_ && !goes_on_(steps));
     Step step;
@@ -326,6 +365,36 @@ double Newton::step_on_springs(const Column& column, const Matrix& tangent, doub
   }
   skeleton_->hold(held);
   return 1.0 / std::max(1.0, further);
+}
+
+/// With a compliance in series with every law, which the forces of the round before have stretched already: the proximal
+/// point method (R. T. Rockafellar, SIAM J. Control Optim. 14 (1976) 877). Soft enough, steps arrive; rounds lead to the
+/// answer, near which steps arrive without it. A law with a compliance is that law at a larger flexibility.
+bool Newton::soften(Column& column, double tolerance, Index& steps) {
+  double softness = first_softness;
+  Index next_trial = 1;
+  for (Index round = 0; round < most_rounds && softness < most_softness && !stopped_; ++round) {
+    Column next = column;
+    softness_ = softness;
+    stretching_ = column.force();
+    evaluate(next);
+    const bool found = attempt(next, tolerance, {nullptr, true}, steps);
+    softness_ = 0.0;
+    softness *= found ? less_soft : softer;
+    if (!found) {
+      continue;
+    }
+    evaluate(next);
+    column = next;
+    if (round >= next_trial) {
+      next_trial = 2 * round;
+      if (attempt(next, tolerance, {}, steps)) {
+        column = next;
+        return true;
+      }
+    }
+  }
+  return false;
 }
 
 /// Whether it is further away than all that it could meet.
@@ -377,8 +446,7 @@ bool Newton::hangs(const Column& column, const Vector& loads) {
   Vector dm;
   bool answers = false;
   try {
-    answers = skeleton_->step(system_.slopes(column.index, memory_, column.jump, own_),
-                              Vector::Zero(own_.size()), loads, dy, dm);
+    answers = skeleton_->step(slopes(column), Vector::Zero(own_.size()), loads, dy, dm);
   } catch (const NumericalError&) {
     answers = false;  // the matrix is singular: nothing does
   }

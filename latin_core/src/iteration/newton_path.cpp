@@ -223,8 +223,7 @@ double Newton::advance(Course& course, Column& column, double tolerance, Index& 
 /// Until a point is at its strength, where contacts stay as they are.
 /// @return whether the load has grown
 bool Newton::go_elastic(Course& course, Column& column, double tolerance, Index& steps) {
-  const Predictor unloading{column.force(), column.jump,
-                            system_.slopes(column.index, memory_, column.jump, own_)};
+  const Predictor unloading{column.force(), column.jump, slopes(column)};
   const double left = 1.0 - course.load;
   Vector dy;
   Vector dm;
@@ -315,7 +314,7 @@ bool Newton::dissipate(Course& course, Column& column, double amount, double tol
       if (column.norm <= tolerance * size && std::abs(value) <= accuracy_of_amount * amount) {
         return true;
       }
-      tangent = system_.slopes(column.index, memory_, column.jump, own_);
+      tangent = slopes(column);
     }
     stopped_ = stopped_ || (goes_on_ && !goes_on_(steps));
     Vector dy;

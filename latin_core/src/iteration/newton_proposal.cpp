@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -33,6 +34,10 @@ NewtonProposal::NewtonProposal(Metric metric, Solver solver, Residual residual)
       wait_after_failure_(steps_after_failure) {}
 
 void NewtonProposal::begin(bool from_zero, Index unknowns, Index most_iterations, Index patience) {
+  if (patience < 1) {
+    wait_ = std::numeric_limits<Index>::max();
+    return;
+  }
   auto wait = static_cast<double>(patience - 1);
   if (!from_zero) {
     wait = std::max(wait, std::min(steps_per_unknown * static_cast<double>(unknowns), most_worth));

@@ -50,12 +50,10 @@ bool gave_up(Status status) {
          status == Status::diverged;
 }
 
-NewtonProposal::Solver newton_of(Stages& stages, const Options& options,
-                                 std::function<bool(Index)> goes_on, const Balanced& balanced) {
-  if (options.acceleration < 1 || options.newton < 1) {
-    return {};
-  }
-  return stages.newton(newton_accuracy * options.rtol, std::move(goes_on), balanced);
+/// Whether Newton's method is asked for, or takes no more than a run without an answer may pay.
+bool may_march(const Laws& laws, const Options& options) {
+  return (options.acceleration > 0 && options.newton > 0) ||
+         substructure::Tangent::bearable(laws.structure());
 }
 
 }  // namespace
@@ -80,8 +78,11 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
                                                                        : own_steps,
              [this](double error) { return structure_.communicator().largest(error); }),
       newton_(history_.metric(),
-              newton_of(
-                  stages_, options, [this](Index steps) { return goes_on(steps); }, balanced),
+              may_march(laws, options)
+                  ? stages_.newton(
+                        newton_accuracy * options.rtol,
+                        [this](Index steps) { return goes_on(steps); }, balanced)
+                  : NewtonProposal::Solver(),
               [this](const State& at, Matrix& residual) {
                 stages_.local(at.data, at.traces, residual);
               }),
@@ -113,24 +114,20 @@ Summary Run::run(bool traces_known) {
   for (;;) {
     Measured measured = observe();
     if (newton_.slides()) {
-      const State slid = end_of_march();
-      finish(Status::no_equilibrium);
-      state_.data += slid.data;
-      state_.traces += slid.traces;
-      return summary_;
+      return slid();
     }
     std::optional<Status> status = stopping_.judge(
         summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
     if (rounding_ && status != Status::interrupted) {
       status = Status::inexact;
     }
-    if (status == Status::stagnated && newton_.hurry()) {
-      stopping_.forget();
-      status.reset();
-    }
     // as many iterations again, where there is room for any
-    if (status && gave_up(*status) && searches() && options_.max_iterations >= least_room) {
+    if (status && gave_up(*status) && !options_.stop_on_indicator &&
+        options_.max_iterations >= least_room) {
       measured = rescue(std::move(measured));
+      if (newton_.slides()) {
+        return slid();
+      }
       report(measured);
       if (summary_.error <= options_.rtol) {
         status = Status::converged;
@@ -164,6 +161,15 @@ Summary Run::run(bool traces_known) {
   }
 }
 
+/// Something slides away.
+Summary Run::slid() {
+  const State others = end_of_march();
+  finish(Status::no_equilibrium);
+  state_.data += others.data;
+  state_.traces += others.traces;
+  return summary_;
+}
+
 void Run::begin(bool traces_known) {
   const bool from_zero = structure_.communicator().everywhere(state_.data.isZero(0.0));
   if (accelerates() && options_.newton >= 1 && verifies() &&
@@ -180,7 +186,8 @@ void Run::begin(bool traces_known) {
     }
     evaluate_start();
   }
-  newton_.begin(from_zero, structure_.total_unknowns(), options_.max_iterations, options_.newton);
+  newton_.begin(from_zero, structure_.total_unknowns(), options_.max_iterations,
+                accelerates() ? options_.newton : 0);
   safeguard_.pause(from_zero && newton_.due_within(steps_from_zero) ? steps_from_zero : 0);
 }
 
@@ -252,12 +259,7 @@ bool Run::verifies() const {
   return !options_.stop_on_indicator && Verification::possible(stages_.laws());
 }
 
-/// Whether a run that gives up looks for its answer in other ways.
-bool Run::searches() const {
-  return !options_.stop_on_indicator && Verification::searches(stages_.laws());
-}
-
-/// Try what is left before giving up: a search from the best iterate.
+/// Try what is left before giving up: Newton's method, or where there is none a search from the best iterate.
 Measured Run::rescue(Measured measured) {
   if (!verification_) {
     verification_.emplace(stages_, known_);
@@ -268,47 +270,31 @@ Measured Run::rescue(Measured measured) {
     }
     measured = stages_.measure(at(), history_, stop_);
   }
+  if (newton_.hurry()) {
+    propose();
+    if (newton_.slides()) {
+      return measured;
+    }
+  }
+  const bool known = Verification::known(stages_.laws());
   const double least = search_until * options_.rtol * measured.residual;
-  if (verification_->search(state_, residual_, least, options_.max_iterations)) {
+  if (follow(measured)) {
+    measured = stages_.measure(at(), history_, stop_);
+  } else if (known && verification_->search(state_, residual_, least, options_.max_iterations)) {
     state_ = verification_->better();
     residual_ = verification_->better_residual();
     history_.clear();
     error_.restart();
     measured = stages_.measure(at(), history_, stop_);
   }
-  if (!Verification::known(stages_.laws()) && settle(verification_->settled())) {
-    return measured;  // a check costs more than the search
-  }
-  const State found = verification_->settled().has_value() ? state_ : State{};
-  const bool checks = Verification::known_of_search(stages_.laws());
-  for (Index i = 0; checks && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
+  for (Index i = 0; known && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
     const double before = summary_.error;
     measured = verify(std::move(measured), false);
     if (i > 0 && !(summary_.error < 0.5 * before)) {
       break;
     }
   }
-  const std::optional<Matrix>& settled = verification_->settled();
-  if (!(summary_.error <= options_.rtol) && settled.has_value()) {
-    // a check takes all steps of a history at once, which may lead away from an answer
-    state_ = found;
-    stages_.local(state_.data, state_.traces, residual_);
-    errors_ = *settled;
-    summary_.error = error_.largest(errors_);
-    history_.clear();
-    measured = stages_.measure(at(), history_, stop_);
-  }
   return measured;
-}
-
-/// Take the errors that a search knows by itself. @return whether they are below the tolerance
-bool Run::settle(const std::optional<Matrix>& settled) {
-  if (!settled.has_value() || !(error_.largest(*settled) <= options_.rtol)) {
-    return false;
-  }
-  errors_ = *settled;
-  summary_.error = error_.largest(errors_);
-  return true;
 }
 
 /// Replace the estimate by what a check finds, and the iterate by a better one where it is not good enough.

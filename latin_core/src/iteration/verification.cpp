@@ -7,7 +7,6 @@
 
 #include "latin/common/error.hpp"
 #include "latin/common/numbers.hpp"
-#include "latin/iteration/multipliers.hpp"
 #include "latin/substructure/coupled.hpp"
 
 namespace latin::iteration {
@@ -55,12 +54,6 @@ constexpr Index most_of_search = 200;
 constexpr Index first_pause = 4;
 /// A residual of a search may grow by this: it does where a part begins to move.
 constexpr double bearable_growth = 1.2;
-/// A step of a history whose residual has fallen to this, relative to that of the whole, is one to go on from.
-constexpr double found_enough = 1e-3;
-/// A residual below this fraction of the data is an answer, if a search says so.
-constexpr double balanced = 1e-9;
-/// The error that rounds of a search leave, relative to the change of the last one.
-constexpr double rounds_left = 3.0;
 /// Springs that hold the bodies, relative to the search direction.
 constexpr double largest_hold = 25.0;
 constexpr double least_hold = Linearisation::least_hold;
@@ -86,17 +79,9 @@ bool Verification::known(const substructure::Laws& laws) {
   return affords_tangent(laws) && tells(laws);
 }
 
-bool Verification::known_of_search(const substructure::Laws& laws) {
-  return (affords_tangent(laws) || Multipliers::suits(laws)) && tells(laws);
-}
-
 bool Verification::possible(const substructure::Laws& laws) {
   // a sample with its own stiffness would be condensed for its check alone; tangents of a chaos are those of the means
   return known(laws) && (!laws.scales_anywhere() || coupled(laws));
-}
-
-bool Verification::searches(const substructure::Laws& laws) {
-  return known(laws) || Multipliers::suits(laws);
 }
 
 bool Verification::exact(const substructure::Laws& laws) {
@@ -408,25 +393,11 @@ bool Verification::stays_in_branch(const Matrix& step) const {
          linear_->near(stages_.laws(), {better_.data + step, better_.traces + moved_});
 }
 
-/// Whether steps of a history are searched for one after the other: what one of them leaves decides the next.
-bool Verification::by_steps() const {
-  const substructure::Laws& laws = stages_.laws();
-  return laws.remembers_anywhere() && laws.steps() > 1 && laws.modes() == 1;
-}
-
-double Verification::norm_of(Columns columns) const {
-  return history_.metric().norm(residual_.middleCols(columns.first, columns.count));
-}
-
 /// A step with bodies held by springs of that fraction of k. @return whether it is one to go on from
-bool Verification::held_step(Columns columns, double hold, double& norm) {
-  Matrix step = residual_.middleCols(columns.first, columns.count);
+bool Verification::held_step(double hold, double& norm) {
+  Matrix step = residual_;
   try {
-    if (by_steps() && columns.count == 1) {
-      linear_->take_column(stages_.laws(), better_, columns.first, hold);
-    } else {
-      linear_->take(stages_.laws(), better_, hold);
-    }
+    linear_->take(stages_.laws(), better_, hold);
     linear_->correct(step, moved_);
   } catch (const NumericalError&) {
     return false;
@@ -434,13 +405,12 @@ bool Verification::held_step(Columns columns, double hold, double& norm) {
   if (!everywhere(step.allFinite())) {
     return false;
   }
-  State trial{better_.data, Matrix(better_.data.rows(), better_.data.cols())};
-  trial.data.middleCols(columns.first, columns.count) += step;
+  State trial{better_.data + step, Matrix(better_.data.rows(), better_.data.cols())};
   Matrix residual(trial.data.rows(), trial.data.cols());
   if (!evaluate(trial, residual)) {
     return false;
   }
-  const double now = history_.metric().norm(residual.middleCols(columns.first, columns.count));
+  const double now = history_.metric().norm(residual);
   if (!(now <= bearable_growth * norm)) {
     return false;
   }
@@ -451,45 +421,25 @@ bool Verification::held_step(Columns columns, double hold, double& norm) {
 }
 
 /// Averaged steps, which come nearer to the answer of every monotone law.
-void Verification::plain_steps(Columns columns, Index count, double& norm) {
+void Verification::plain_steps(Index count, double& norm) {
   for (Index i = 0; i < count; ++i) {
-    better_.data.middleCols(columns.first, columns.count) +=
-        averaged_share * residual_.middleCols(columns.first, columns.count);
+    better_.data += averaged_share * residual_;
     if (!evaluate(better_, residual_)) {
       norm = std::numeric_limits<double>::infinity();
       return;
     }
   }
-  norm = norm_of(columns);
+  norm = history_.metric().norm(residual_);
 }
 
 bool Verification::search(const State& state, const Matrix& residual, double least, Index most) {
   const double first = history_.metric().norm(residual);
-  settled_.reset();
   Best best{state, residual, first};
-  if (Multipliers::suits(stages_.laws()) && by_multipliers(state, most, best)) {
-    better_ = std::move(best.state);
-    residual_ = std::move(best.residual);
-    return true;
-  }
-  const auto again = [&] {
-    better_ = state;
-    residual_ = residual;
-    return stages_.count() + most / 2;
-  };
-  if (!known(stages_.laws())) {
-    better_ = std::move(best.state);
-    residual_ = std::move(best.residual);
-    return best.norm < first;
-  }
-  if (by_steps()) {
-    again();
-    search_steps(least, most / 2, best);
-  }
   for (const double patience : {0.3, 0.5}) {
     if (best.norm > least) {
-      const Index until = again();
-      search_once({0, state.data.cols()}, patience, least, until, best);
+      better_ = state;
+      residual_ = residual;
+      search_once(patience, least, stages_.count() + most / 2, best);
     }
   }
   better_ = std::move(best.state);
@@ -497,93 +447,16 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
   return best.norm < first;
 }
 
-/// @return whether they have found an answer
-bool Verification::by_multipliers(const State& state, Index most, Best& best) {
-  better_ = state;
-  residual_.resize(state.data.rows(), state.data.cols());
-  bool found = false;
-  Matrix left;
-  if (!evaluate(better_, residual_)) {
-    return false;
-  }
-  try {
-    Multipliers multipliers(stages_.laws(), linear_->joined());
-    found = multipliers.solve(better_, most);
-    linear_->take(stages_.laws(), better_);
-    const Whole whole = stages_.whole(better_);
-    const Matrix placed = 1.0 - multipliers.placeless().array();
-    left = larger(carried(whole.relative(gauge_.of_distance(better_, multipliers.before_last()))),
-                  linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole))
-               .cwiseProduct(placed);
-  } catch (const NumericalError&) {
-    return false;
-  }
-  if (!everywhere(better_.data.allFinite()) || !evaluate(better_, residual_)) {
-    return false;
-  }
-  const double norm = history_.metric().norm(residual_);
-  const bool enough = norm <= balanced * history_.metric().norm(better_.data);
-  if (norm < best.norm || (found && enough)) {
-    best = {better_, residual_, norm};
-    if (found && enough) {
-      settled_ = rounds_left * left;
-    }
-    return found;
-  }
-  return false;
-}
-
-/// One step of a history after the other, each from where the last one has ended if that is nearer.
-void Verification::search_steps(double least, Index most, Best& best) {
-  const double first = best.norm;
-  const Index steps = better_.data.cols();
-  const double of_each = least / std::sqrt(static_cast<double>(steps));
-  for (Index step = 0; step < steps; ++step) {
-    const Columns column{step, 1};
-    double norm = norm_of(column);
-    if (step > 0 && norm > of_each) {
-      State moved = better_;
-      moved.data.col(step) = moved.data.col(step - 1);
-      Matrix residual(residual_.rows(), steps);
-      if (evaluate(moved, residual) && history_.metric().norm(residual.col(step)) < norm) {
-        better_ = std::move(moved);
-        residual_ = std::move(residual);
-        norm = norm_of(column);
-      }
-    }
-    const Best start{better_, residual_, norm};
-    Best found = start;
-    for (const double patience : {0.3, 0.5}) {
-      if (found.norm > of_each) {
-        better_ = start.state;
-        residual_ = start.residual;
-        search_once(column, patience, of_each, stages_.count() + most / 2, found);
-      }
-    }
-    const bool lost = found.norm > found_enough * first;
-    better_ = std::move(found.state);
-    residual_ = std::move(found.residual);
-    if (lost) {
-      break;  // the others depend on it
-    }
-  }
-  const double norm = history_.metric().norm(residual_);
-  if (norm < best.norm) {
-    best = {better_, residual_, norm};
-  }
-}
-
 /// @param until    number of global stages at which to stop
 /// @param patience how much less the bodies are held after a step that did not make the residual fall
-void Verification::search_once(Columns columns, double patience, double least, Index until,
-                               Best& best) {
-  double norm = norm_of(columns);
+void Verification::search_once(double patience, double least, Index until, Best& best) {
+  double norm = history_.metric().norm(residual_);
   double hold = 1.0;
   for (Index count = 0;
        count < most_of_search && stages_.count() < until && norm > least && std::isfinite(norm);
        ++count) {
     const double before = norm;
-    if (held_step(columns, hold, norm)) {
+    if (held_step(hold, norm)) {
       const double fall = norm / before;
       hold *= fall < 0.5           ? 0.05
               : fall < 0.95        ? 0.3
@@ -593,7 +466,7 @@ void Verification::search_once(Columns columns, double patience, double least, I
     } else if (hold < largest_hold) {
       hold = std::min(5.0 * hold, largest_hold);
     } else {
-      plain_steps(columns, first_pause, norm);
+      plain_steps(first_pause, norm);
       hold = 1.0;
     }
     if (norm < best.norm) {

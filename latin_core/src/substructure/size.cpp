@@ -11,7 +11,7 @@ namespace {
 /// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-14;
 /// Rounding of displacements and forces, relative to the largest ones.
-constexpr double rounding = 1e-14;
+constexpr double rounding_of_sums = 1e-14;
 /// The same of the body's own largest step, in which forces of interfaces may cancel.
 constexpr double own_rounding = 1e-13;
 /// Displacements this many times larger than rounding are answers.
@@ -108,7 +108,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
   for (Index b = 0; b < result.cols(); ++b) {
     const double far = reach(component[static_cast<std::size_t>(b)]);
     const double farthest = far * metric(b);
-    const double noise = square(rounding) * farthest;
+    const double noise = square(rounding_of_sums) * farthest;
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);
@@ -119,7 +119,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
         continue;
       }
       const double strain_noise =
-          square(rounding) * std::max({far * stiffness(b), whole.strain(history, b).maxCoeff(),
+          square(rounding_of_sums) * std::max({far * stiffness(b), whole.strain(history, b).maxCoeff(),
                                        whole.work(history, b).maxCoeff()});
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
@@ -153,7 +153,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
       const bool with_motion = !carried[static_cast<std::size_t>(b)] && metric(b) > 0.0;
       const double of_motion = with_motion ? whole.trace(g, b) / metric(b) * stiffness(b) : 0.0;
       const bool strained = strain > strain_free * beside(whole.work, no_strain) &&
-                            (ignored || strain > std::max(rounding * of_motion,
+                            (ignored || strain > std::max(rounding_of_sums * of_motion,
                                                           square(above_rounding) * strain_noise));
       double moved = std::max(least(whole.trace, error.trace(g, b)),
                               square(held) * beside(whole.pressed, no_trace));
@@ -188,7 +188,7 @@ Vector Yardstick::rounding_of_strains(const Sizes& whole) const {
   for (Index b = 0; b < relative.size(); ++b) {
     const double strain = whole.strain.col(b).maxCoeff();
     const double far = reach(component[static_cast<std::size_t>(b)]);
-    relative(b) = strain > 0.0 ? rounding * std::sqrt(far * stiffness(b) / strain) : 0.0;
+    relative(b) = strain > 0.0 ? rounding_of_sums * std::sqrt(far * stiffness(b) / strain) : 0.0;
   }
   return relative;
 }

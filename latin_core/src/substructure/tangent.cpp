@@ -349,14 +349,6 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
   slopes_ = slopes;
 }
 
-void Tangent::factorise_stiffness(const Matrix& stiffness, double hold) {
-  hold_with(hold);
-  set_tangents([&](const Joined::JoinedInterface& interface, Index first) {
-    return Matrix(stiffness.block(first, 0, interface.components, interface.components));
-  });
-  factorise_now();
-}
-
 void Tangent::hold_with(double hold) {
   slopes_.resize(0, 0);
   hold_ = hold;
@@ -378,16 +370,6 @@ void Tangent::factorise_now() {
   } else {
     factorise_sparse();
   }
-}
-
-Vector Tangent::stiffness_times(const Vector& moved) const {
-  Vector forces(active_);
-  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
-    const Matrix& own = joined_->bodies()[b].stiffness;
-    const auto at = Eigen::seqN(joined_->first_active()[b], own.rows());
-    forces(at) = symmetric_times(own, moved(at));
-  }
-  return forces;
 }
 
 Vector Tangent::diagonal() const {

@@ -44,8 +44,6 @@ class Linearisation {
   /// afterwards has no meaning.
   /// @throws NumericalError if the structure is not stable with them
   void take_transposed(const substructure::Laws& laws, const State& state);
-  /// The same for a single column, of histories that are followed step by step: correct() then takes this one.
-  void take_column(const substructure::Laws& laws, const State& state, Index column, double hold);
   /// Whether the tangents of a state, of c columns or of several sets of them, are so near to these that no motion
   /// is soft in one and stiff in the other.
   [[nodiscard]] bool near(const substructure::Laws& laws, const State& state) const;
@@ -71,10 +69,6 @@ class Linearisation {
   /// What is known of it: empty if nothing is.
   [[nodiscard]] const Matrix& known_rounding() const { return rounding_; }
   void forget_rounding() { rounding_.resize(0, 0); }
-  /// The condensed structure, null before tangents were first taken.
-  [[nodiscard]] std::shared_ptr<const substructure::Joined> joined() const {
-    return tangents_.empty() ? nullptr : tangents_.front()->shared_joined();
-  }
   /// Forces per area (rows, c) as the meshes see them, on the active unknowns of the bodies, (active, c).
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
     return tangents_.front()->nodal(forces);

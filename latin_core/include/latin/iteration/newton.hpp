@@ -26,9 +26,9 @@ namespace latin::iteration {
 /// the first iteration takes the laws linearised where that step has left them (what was closed sticks, what was open
 /// stays open, what was damaged unloads), and no step moves what nothing holds much further than the jumps are large. Where
 /// one would, it is asked whether anything balances the loads, and springs hold that motion. Where whole steps go in
-/// circles, steps are shortened by the residual; then the modes are held by springs that become ever weaker (where these
-/// end up carrying a constant share of the loads, however weak they are, something slides away); at last the loads are
-/// added in parts. What none of these solves ends the march: the columns before it are answers.
+/// circles, steps are shortened by the residual; then compliances in series with the laws make them softer; then the modes
+/// are held by springs that become ever weaker (where these end up carrying a constant share of the loads, however weak
+/// they are, something slides away); at last the loads are added in parts. What none of these solves ends the march: the columns before it are answers.
 ///
 /// Bonds that soften are followed along their path: elastic up to the load at which the first point is damaged, then by
 /// what is dissipated, with the load as one more unknown, through loads that fall, until the step's is reached.
@@ -92,6 +92,8 @@ class Newton {
                                ConstVectorRef traces) const;
   /// From where an iteration is, if that is near, and else from the step before.
   [[nodiscard]] bool solve_column(State& state, Column& column, double tolerance, Index& steps);
+  /// Looks at an answer again: a long way has left its rounding in it.
+  void refine(State& state, Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool march(const State& state, Column& column, double tolerance, Index& steps);
   /// The way between the loads of the step before and those of a column.
   struct Course {
@@ -129,6 +131,13 @@ class Newton {
   [[nodiscard]] bool lost(const Column& column);
   [[nodiscard]] bool hangs(const Column& column, const Vector& loads);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
+  [[nodiscard]] bool soften(Column& column, double tolerance, Index& steps);
+  [[nodiscard]] Vector forces(const Column& column) const;
+  [[nodiscard]] Matrix slopes(const Column& column) const;
+  [[nodiscard]] Vector stretched_jump(const Column& column) const {
+    return softness_ > 0.0 ? Vector(column.jump + softness_ * own_.cwiseProduct(stretching_))
+                           : column.jump;
+  }
   void evaluate(Column& column);
   [[nodiscard]] Vector imbalance(const Column& column) const {
     return skeleton_->imbalance(column.start, column.y, column.motion);
@@ -160,6 +169,8 @@ class Newton {
   Vector roots_;  ///< what jumps are measured with, as these are lengths or rotations
   JoinedSystem::Memory memory_;  ///< of the columns before
   Predictor last_;               ///< of the answer of the column before
+  double softness_ = 0.0;        ///< of compliances in series with the laws, relative to own_
+  Vector stretching_;            ///< forces that have stretched these already
   bool remembers_ = false;       ///< whether the way to an answer matters
   bool softens_ = false;         ///< whether there are bonds
   Vector softening_;             ///< areas of their unknowns, else 0

@@ -39,7 +39,7 @@ class NewtonProposal {
   /// Wait before the first proposal, from a start that says little (zero) or much (other parameters).
   /// @param unknowns of the interfaces: what a proposal costs
   /// @param most_iterations that the run may take
-  /// @param patience steps that cost no more than a proposal, see Options::newton
+  /// @param patience steps that cost no more than a proposal, see Options::newton; 0: only where the run would give up
   void begin(bool from_zero, Index unknowns, Index most_iterations, Index patience);
   /// Propose next if nothing has been proposed yet: the iteration alone does not end. @return whether it will
   bool hurry();

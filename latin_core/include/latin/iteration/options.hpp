@@ -13,7 +13,7 @@ struct Options {
   Index acceleration = 10;        ///< depth of Anderson's history; 0: the plain iteration
   double relaxation = 1.0;        ///< mu in (0, 1]: s <- s + mu r (and of Anderson's remainder)
   Index stagnation_window = 100;  ///< iterations without progress before a run is called stagnated
-  /// Newton's method begins after one accelerated step less than this; sooner where those stagnate. 0: it never does.
+  /// Newton's method begins after one accelerated step less than this. 0: where the run would give up, if at all.
   Index newton = 1;
   Index snapshots = 15;  ///< earlier states combined for the start of a new point; 1: the nearest
   Index together = 8;    ///< points of a sweep that may be tried side by side, at least 1

@@ -59,14 +59,13 @@ class Run {
   [[nodiscard]] Matrix estimate(const Measured& measured);
   Measured rescue(Measured measured);
   Measured verify(Measured measured, bool believed);
-  bool settle(const std::optional<Matrix>& settled);
   [[nodiscard]] bool verifies() const;
-  [[nodiscard]] bool searches() const;
   void advance(const Measured& measured);
   void propose();
   void propose(Index most);
   bool follow(const Measured& measured);
   State end_of_march();
+  Summary slid();
   void finish(Status status);
   void refuse_none();
   void add_rounding_of_bodies();

@@ -25,15 +25,10 @@ class Verification {
 
   /// Whether the structure can be linearised: not for long histories of laws with memory. Collective.
   [[nodiscard]] static bool known(const substructure::Laws& laws);
-  /// The same at the price of a search.
-  [[nodiscard]] static bool known_of_search(const substructure::Laws& laws);
 
   /// Whether every estimate is checked: not where the stiffness of bodies varies, but for what is solved at once.
   /// Collective.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
-
-  /// Whether an answer can be searched for. Collective.
-  [[nodiscard]] static bool searches(const substructure::Laws& laws);
 
   /// Whether one step of it is exact for these laws, but for what the tangents of rigid ones leave. Collective.
   [[nodiscard]] static bool exact(const substructure::Laws& laws);
@@ -78,8 +73,6 @@ class Verification {
   /// Where the last check or search has led to.
   [[nodiscard]] const State& better() const { return better_; }
   [[nodiscard]] const Matrix& better_residual() const { return residual_; }
-  /// Errors (groups, bodies) of what the last search has found, where it knows them by itself.
-  [[nodiscard]] const std::optional<Matrix>& settled() const { return settled_; }
   /// Its distance from the iterate: what the error is at least like, if nothing was found.
   [[nodiscard]] const Matrix& distance() const { return distance_; }
 
@@ -94,24 +87,15 @@ class Verification {
                                              const Whole& whole, double rtol, double spread);
   [[nodiscard]] substructure::Sizes leak(const substructure::Sizes& errors, double spread) const;
   [[nodiscard]] bool stays_in_branch(const Matrix& step) const;
-  /// Columns that are searched for: all, or a step of a history with those before it held.
-  struct Columns {
-    Index first;
-    Index count;
-  };
   struct Best {
     State state;
     Matrix residual;
     double norm;
   };
-  [[nodiscard]] bool by_steps() const;
-  [[nodiscard]] double norm_of(Columns columns) const;
-  bool held_step(Columns columns, double hold, double& norm);
-  void search_once(Columns columns, double patience, double least, Index until, Best& best);
-  bool by_multipliers(const State& state, Index most, Best& best);
-  void search_steps(double least, Index most, Best& best);
+  bool held_step(double hold, double& norm);
+  void search_once(double patience, double least, Index until, Best& best);
   [[nodiscard]] Matrix carried(Matrix errors) const;
-  void plain_steps(Columns columns, Index count, double& norm);
+  void plain_steps(Index count, double& norm);
 
   Stages& stages_;
   Gauge gauge_;
@@ -120,7 +104,6 @@ class Verification {
   State better_;
   Matrix residual_;
   Matrix distance_;
-  std::optional<Matrix> settled_;
   Matrix moved_;
   double spread_of_coupled_ =
       0.0;           ///< bound of errors in energy, see Coupled::correct(); 0: not known

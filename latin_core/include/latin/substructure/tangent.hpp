@@ -81,20 +81,13 @@ class Tangent {
   [[nodiscard]] Matrix inner_forces(const Matrix& traces) const;
   /// Forces per area (rows, c) as those on the active unknowns of the bodies, (active, c): what the meshes see of them.
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
-    return nodal_of_all(joined_->of_rows(forces));
-  }
-  /// The same of those of all ranks, (rows of all, c). Not collective.
-  [[nodiscard]] Matrix nodal_of_all(const Matrix& forces) const {
     Matrix nodal(active_, forces.cols());
-    algebra::multiply_sparse(to_unknowns_, joined_->weights().asDiagonal() * forces, nodal);
+    algebra::multiply_sparse(to_unknowns_,
+                             joined_->weights().asDiagonal() * joined_->of_rows(forces), nodal);
     return nodal;
   }
   /// u^T S u of a body of this rank, where all active unknowns move by (active).
   [[nodiscard]] double strain(Index body, ConstVectorRef moved) const;
-  /// Take stiffnesses of the interfaces (force / length^3), (unknowns, most components), as they are. Only solve() may
-  /// follow.
-  /// @throws NumericalError if the structure is not stable with them
-  void factorise_stiffness(const Matrix& stiffness, double hold);
   /// Displacements of the active unknowns of the bodies under forces on them, (active, c) both.
   [[nodiscard]] Matrix solve(const Matrix& load);
   /// T: active unknowns into rows; J': rows into jumps; J: active unknowns into jumps.
@@ -109,8 +102,6 @@ class Tangent {
   [[nodiscard]] const Vector& areas() const { return areas_; }
   /// Many blocks of so many columns will be solved for.
   void expect(Index columns);
-  /// S u, (active)
-  [[nodiscard]] Vector stiffness_times(const Vector& moved) const;
   /// The diagonal of S, (active).
   [[nodiscard]] Vector diagonal() const;
   /// Whether a rigid connection was made a spring: steps of linear laws are exact but for that.
