@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -386,6 +387,10 @@ def tight_truth(
     return answers
 
 
+TOLD = (lf.Contact, lf.Debonding, lf.UserLaw)
+"""Laws whose forces an answer has."""
+
+
 def offences(case: Case, problem: Any, found: Found) -> Iterator[tuple[str, str, float]]:
     """What breaks a law or the balance of a part in the answers that have converged: why, where, how much."""
     for k, values in enumerate(case.values(found)[0]):
@@ -403,6 +408,7 @@ def offences(case: Case, problem: Any, found: Found) -> Iterator[tuple[str, str,
                 broken = measure.broken_laws(problem, laws, both, mean, time, memory)
             forces = {name: force for name, (force, _) in both.items()}
             left = measure.unbalanced(problem, laws, forces, loads, mean)
+            broken |= {name: math.inf for name, law in laws.items() if isinstance(law, TOLD) and name not in both}
             for why, each in (("law", broken), ("equilibrium", left)):
                 for name, size in each.items():
                     yield why, f"{name}, run {k}, step {step}", size
@@ -683,6 +689,11 @@ def one(
                 for step in run:
                     for name in step:
                         step[name] = step[name] * (1.0 + perturb)
+        told = len(found.fields), len(found.status), len(found.said)
+        if set(told) != {len(case.values(found)[0])}:
+            verdict.outcome, verdict.why = "wrong", "lost"
+            verdict.what = f"{told} fields, statuses and errors of {len(case.values(found)[0])} runs"
+            return verdict
         verdict.status = max(found.status, key=lambda s: ("converged", s).index(s))
         verdict.said, verdict.iterations = max(found.said), found.iterations
         rtol, lost = drawn.rtol, False

@@ -135,6 +135,18 @@ def unknown(found: Found) -> Found:
     return found
 
 
+def unread(found: Found) -> Found:
+    """A force that the answer does not tell."""
+    del found.acting["joint"]
+    return found
+
+
+def lost(found: Found) -> Found:
+    """The last sample is not there."""
+    found.fields.pop()
+    return found
+
+
 def both(change: Callable[[Any], Any], name: str) -> Spoil:
     """Changes forces and jumps alike: a linear law holds as before."""
 
@@ -225,6 +237,7 @@ WRONG: dict[str, tuple[str, Spoil]] = {
     "penetrates": ("contact", other("contact", joint="lf.Contact(stiffness=50.0)")),
     "stands off": ("contact", other("contact", joint="lf.Contact(gap=-0.001)")),
     "loses contact": ("contact", other("contact", joint=NOTHING)),
+    "a force that cannot be read": ("contact", unread),
     "pulls": ("contact", force(scaled(-1.0), "joint")),
     "contact forces are doubled": ("contact", force(scaled(2.0))),
     "contact slides": ("contact", part("p1", moved)),
@@ -261,6 +274,7 @@ WRONG: dict[str, tuple[str, Spoil]] = {
     "mean forces are doubled": ("chaos", force(scaled(2.0))),
     "a wrong sample": ("samples", part("p1", scaled(1.001), run=1)),
     "samples in another order": ("samples", points([1, 0, 2, 3])),
+    "a sample that is lost": ("samples", lost),
     "samples that do not scatter": ("samples", points([0, 0, 0, 0])),
     "a sampled mean that is misread": ("samples", read("unknowns", 1.001)),
     "a sampled deviation that is misread": ("samples", read("deviation", 1.01)),
