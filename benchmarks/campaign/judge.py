@@ -408,7 +408,8 @@ def offences(case: Case, problem: Any, found: Found) -> Iterator[tuple[str, str,
                 broken = measure.broken_laws(problem, laws, both, mean, time, memory)
             forces = {name: force for name, (force, _) in both.items()}
             left = measure.unbalanced(problem, laws, forces, loads, mean)
-            broken |= {name: math.inf for name, law in laws.items() if isinstance(law, TOLD) and name not in both}
+            untold = [name for name, law in laws.items() if isinstance(law, TOLD) and name not in both]
+            broken |= dict.fromkeys(untold, math.inf)
             for why, each in (("law", broken), ("equilibrium", left)):
                 for name, size in each.items():
                     yield why, f"{name}, run {k}, step {step}", size

@@ -508,7 +508,7 @@ TILTS = {f"open@{k}": Right(right, 0.1, "contact on 3 (b / 2 - e) of b, pressure
 
 @scene("joints", right=TILTS)
 def a_footing_that_opens(rtol: float) -> Any:
-    """A stiff block on a soft bed that only pushes, under a side load that grows: e of 1.5, 2.5, 3.5 of 10."""
+    """A stiff block on a soft bed that only pushes; a side load grows to e of 1.5, 2.5, 3.5 of 10."""
     assembly = lf.Scene()
     box = lf.geometry.box((10, 10, 10), (40, 1, 2), cell="hexahedron")
     assembly.substructure("block", box, lf.LinearElastic(200e3, 0.0), degree=1)

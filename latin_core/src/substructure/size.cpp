@@ -118,9 +118,9 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole, Noise counts)
         result(g, b) = std::numeric_limits<double>::quiet_NaN();  // nothing is relative to that
         continue;
       }
-      const double strain_noise =
-          square(rounding_of_sums) * std::max({far * stiffness(b), whole.strain(history, b).maxCoeff(),
-                                       whole.work(history, b).maxCoeff()});
+      const double strain_noise = square(rounding_of_sums) *
+                                  std::max({far * stiffness(b), whole.strain(history, b).maxCoeff(),
+                                            whole.work(history, b).maxCoeff()});
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
       const auto own = [&](const Matrix& sizes) {
