@@ -244,3 +244,26 @@ def test_the_plan_predicts_the_memory_of_a_history() -> None:
     )
     taken, predicted = map(float, run.stdout.split()[-2:])
     assert 0.7 <= predicted / taken <= 1.3
+
+
+def test_a_plain_run_of_many_steps_that_gives_up_is_marched() -> None:
+    """A thin sheet with friction on both sides, pushed to and fro in 20 steps: too many for a check."""
+    scene, y = Scene(), 0.0
+    sizes = ("low", 200e3, 10.0, 4), ("sheet", 2e3, 1.0, 1), ("up", 200e3, 10.0, 4)
+    for name, modulus, height, count in sizes:
+        box = geometry.box((30.0, height), (16, count), origin=(0.0, y))
+        scene.substructure(name, box, LinearElastic(modulus, 0.3), degree=1)
+        y += height
+    scene.fix("low:y0")
+    scene.interface("below", "low:y1", "sheet:y0", Contact(friction=0.3))
+    scene.interface("above", "sheet:y1", "up:y0", Contact(friction=0.3))
+    scene.traction("up:y1", (0.0, -50.0))
+    scene.force("up:x0", (Amplitude([0, 5, 15, 20], [0, 1, -1, 0]) * 300.0, 0.0), name="push")
+    problem, times, rtol = assemble(scene), np.arange(1.0, 21.0), 1e-6
+    found, exact = (
+        solve(problem, times=times, options=options, progress=False)
+        for options in (Options.plain(rtol=rtol, max_iterations=60), Options(rtol=rtol))
+    )
+    assert found.converged and exact.converged and found.summary.newton_steps > 0
+    for part, u in exact.displacements.items():
+        assert np.abs(found.displacements[part] - u).max() < 3.0 * rtol * np.abs(u).max()

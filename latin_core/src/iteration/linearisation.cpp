@@ -20,6 +20,7 @@ constexpr std::size_t most_tangents = 16;
 constexpr double no_slope = 1e-9;
 /// Forces of a column are measured with this fraction of the largest column at least.
 constexpr double quiet_column = 1e-3;
+/// Rounding of what is rounding of the largest data.
 constexpr double nothing_of = 1e-30;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;

@@ -259,7 +259,7 @@ bool Run::verifies() const {
   return !options_.stop_on_indicator && Verification::possible(stages_.laws());
 }
 
-/// Try what is left before giving up: Newton's method, or where there is none a search from the best iterate.
+/// Try what is left before giving up: Newton's method, and where that leads nowhere a search from the best iterate.
 Measured Run::rescue(Measured measured) {
   if (!verification_) {
     verification_.emplace(stages_, known_);
@@ -276,21 +276,27 @@ Measured Run::rescue(Measured measured) {
       return measured;
     }
   }
-  const bool known = Verification::known(stages_.laws());
+  const Laws& laws = stages_.laws();
+  const bool known = Verification::known(laws);
+  // all steps at once may end where no history leads to
+  const bool searches = known && !(laws.remembers_anywhere() && laws.steps() > 1);
   const double least = search_until * options_.rtol * measured.residual;
   if (follow(measured)) {
     measured = stages_.measure(at(), history_, stop_);
-  } else if (known && verification_->search(state_, residual_, least, options_.max_iterations)) {
+    propose();  // how far it was
+    errors_ = estimate(measured);
+    summary_.error = error_.largest(errors_);
+  } else if (searches && verification_->search(state_, residual_, least, options_.max_iterations)) {
     state_ = verification_->better();
     residual_ = verification_->better_residual();
     history_.clear();
     error_.restart();
     measured = stages_.measure(at(), history_, stop_);
   }
-  for (Index i = 0; known && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
+  for (Index i = 0; known && i < most_checks; ++i) {
     const double before = summary_.error;
-    measured = verify(std::move(measured), false);
-    if (i > 0 && !(summary_.error < 0.5 * before)) {
+    measured = verify(std::move(measured), before <= options_.rtol);
+    if (summary_.error <= options_.rtol || (i > 0 && !(summary_.error < 0.5 * before))) {
       break;
     }
   }

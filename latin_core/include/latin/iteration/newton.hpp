@@ -28,7 +28,8 @@ namespace latin::iteration {
 /// one would, it is asked whether anything balances the loads, and springs hold that motion. Where whole steps go in
 /// circles, steps are shortened by the residual; then compliances in series with the laws make them softer; then the modes
 /// are held by springs that become ever weaker (where these end up carrying a constant share of the loads, however weak
-/// they are, something slides away); at last the loads are added in parts. What none of these solves ends the march: the columns before it are answers.
+/// they are, something slides away); at last the loads are added in parts. What none of these solves ends the march: the
+/// columns before it are answers.
 ///
 /// Bonds that soften are followed along their path: elastic up to the load at which the first point is damaged, then by
 /// what is dissipated, with the load as one more unknown, through loads that fall, until the step's is reached.
