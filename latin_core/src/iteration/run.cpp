@@ -283,9 +283,12 @@ Measured Run::rescue(Measured measured) {
   const double least = search_until * options_.rtol * measured.residual;
   if (follow(measured)) {
     measured = stages_.measure(at(), history_, stop_);
-    propose();  // how far it was
-    errors_ = estimate(measured);
-    summary_.error = error_.largest(errors_);
+    if (!known &&
+        !laws.scales_anywhere()) {  // as of a long history that was marched from the beginning
+      propose();
+      errors_ = estimate(measured);
+      summary_.error = error_.largest(errors_);
+    }
   } else if (searches && verification_->search(state_, residual_, least, options_.max_iterations)) {
     state_ = verification_->better();
     residual_ = verification_->better_residual();
@@ -293,10 +296,10 @@ Measured Run::rescue(Measured measured) {
     error_.restart();
     measured = stages_.measure(at(), history_, stop_);
   }
-  for (Index i = 0; known && i < most_checks; ++i) {
+  for (Index i = 0; known && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
     const double before = summary_.error;
-    measured = verify(std::move(measured), before <= options_.rtol);
-    if (summary_.error <= options_.rtol || (i > 0 && !(summary_.error < 0.5 * before))) {
+    measured = verify(std::move(measured), false);
+    if (i > 0 && !(summary_.error < 0.5 * before)) {
       break;
     }
   }
