@@ -283,9 +283,8 @@ Measured Run::rescue(Measured measured) {
   const double least = search_until * options_.rtol * measured.residual;
   if (follow(measured)) {
     measured = stages_.measure(at(), history_, stop_);
-    if (!known &&
-        !laws.scales_anywhere()) {  // as of a long history that was marched from the beginning
-      propose();
+    if (!known && !laws.scales_anywhere()) {
+      propose();  // as of a long history that was marched from the beginning
       errors_ = estimate(measured);
       summary_.error = error_.largest(errors_);
     }
