@@ -278,8 +278,6 @@ Measured Run::rescue(Measured measured) {
   }
   const Laws& laws = stages_.laws();
   const bool known = Verification::known(laws);
-  // all steps at once may end where no history leads to
-  const bool searches = known && !(laws.remembers_anywhere() && laws.steps() > 1);
   const double least = search_until * options_.rtol * measured.residual;
   if (follow(measured)) {
     measured = stages_.measure(at(), history_, stop_);
@@ -288,7 +286,7 @@ Measured Run::rescue(Measured measured) {
       errors_ = estimate(measured);
       summary_.error = error_.largest(errors_);
     }
-  } else if (searches && verification_->search(state_, residual_, least, options_.max_iterations)) {
+  } else if (known && verification_->search(state_, residual_, least, options_.max_iterations)) {
     state_ = verification_->better();
     residual_ = verification_->better_residual();
     history_.clear();
