@@ -212,7 +212,8 @@ def freeze(given: argparse.Namespace, python: str, known: Record) -> int:
     if not given.only and not given.new:
         gone = [n for n in store.chosen(records, None, given.groups) if n not in names]
         records = {name: each for name, each in records.items() if name not in gone}
-    head |= {"commit": commit(given.library or MAIN.parents[1]), "rtol": RTOL}
+    kept = {"counted": head["counted"]} if "counted" in head and (given.only or given.new) else {}
+    head = kept | {"commit": commit(given.library or MAIN.parents[1]), "rtol": RTOL}
     count, told = 0, Counter[str]()
 
     def done(record: Record, seconds: float) -> None:

@@ -24,6 +24,7 @@ from frozen.fixed_parts import (
     joined,
     layers,
     options,
+    pair_and_light,
     refusal,
     row,
     square,
@@ -39,24 +40,6 @@ BALANCE = "balance of forces"
 
 
 # -- light and soft parts --------------------------------------------------------------------------
-def pair_and_light(ratio: float, gap: float, degree_of_gap: Any = None) -> lf.Problem:
-    """a and b are pressed together with friction; c is alone, flies through a gap and is pressed less."""
-    made = lf.Scene()
-    for name, x, y in (("a", 0.0, 0.0), ("b", 0.0, 1.0), ("c", 3.0, 0.0)):
-        square(made, name, x, y, STEEL, cells=3)
-    faces = {"side_a": ["a:x0"], "side_b": ["b:x0"], "side_c": ["c:x0"], "foot": ["a:y0"],
-             "joint": ["a:y1", "b:y0"],
-             "heavy": ["b:y1"], "stop": ["c:y0"], "light": ["c:y1"]}
-    laws = {name: lf.Symmetry() for name in ("side_a", "side_b", "side_c")} | {
-        "foot": lf.Displacement(0.0),
-        "joint": lf.Contact(friction=0.2),
-        "heavy": lf.Traction(np.array((5.0, -100.0))),
-        "stop": lf.Contact(gap=gap),
-        "light": lf.Traction(np.array((0.0, -100.0 * ratio))),
-    }
-    return joined(made, laws, faces)
-
-
 LIGHT = {"tenth": (1e-1, 1e-2), "millionth": (1e-6, 1e-2), "far": (1e-2, 1e-1), "near": (1.0, 1e-3)}
 
 

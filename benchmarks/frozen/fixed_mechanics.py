@@ -11,7 +11,20 @@ import dolfinx_frontend as lf
 import numpy as np
 from scipy import stats
 
-from frozen.fixed_parts import Known, asked, beyond, box, joined, layers, options, right, square, within
+from frozen.fixed_parts import (
+    STEEL,
+    Known,
+    asked,
+    beyond,
+    box,
+    joined,
+    layers,
+    options,
+    pair_and_light,
+    right,
+    square,
+    within,
+)
 from frozen.registry import Right, scene
 
 GROUP = "fixed"
@@ -467,26 +480,11 @@ def quantiles_of_a_posterior(rtol: float) -> Any:
     return {"layer": {key: within(each, 2e-3 * each) for key, each in quantiles.items()}}
 
 
-def light_part() -> lf.Problem:
-    """Two squares pressed together, and a third one of 1e-5 of their load that flies through a gap."""
-    made = lf.Scene()
-    moduli = {"a": lf.LogNormal("Ea", 2e5, cov=0.3), "b": 2e5, "c": lf.LogNormal("Ec", 2e5, cov=0.3)}
-    for name, corner in (("a", (0.0, 0.0)), ("b", (0.0, 1.0)), ("c", (3.0, 0.0))):
-        square = lf.geometry.box((1.0, 1.0), (3, 3), origin=corner)
-        made.substructure(name, square, lf.LinearElastic(moduli[name], 0.3), degree=1)
-        made.symmetry(f"{name}:x0", name=f"side_{name}")
-    made.fix("a:y0", name="foot")
-    made.interface("joint", "a:y1", "b:y0", lf.Contact(friction=0.2))
-    made.interface("heavy", "b:y1", lf.Traction(np.array((5.0, -100.0))))
-    made.interface("stop", "c:y0", lf.Contact(gap=0.01))
-    made.interface("light", "c:y1", lf.Traction(np.array((0.0, -1e-3))))
-    return lf.assemble(made)
-
-
 @scene(GROUP, {"stop": Right(-1e-3, 1e-4, BALANCE)})
 def a_light_part_with_random_moduli(rtol: float) -> Any:
     """"a light part that lands": the mean force of its stop, where the iteration alone gives up."""
-    problem = light_part()
+    first, light = (lf.LogNormal(name, STEEL, cov=0.3) for name in ("Ea", "Ec"))
+    problem = pair_and_light(1e-5, 0.01, (first, STEEL, light))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         chaos = lf.solve(problem, chaos=lf.Chaos(1, check_points=0), options=options(rtol))

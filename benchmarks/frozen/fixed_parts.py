@@ -209,6 +209,24 @@ def joined(scene: lf.Scene, laws: Mapping[str, Any], faces: Mapping[str, Sequenc
     return lf.assemble(scene)
 
 
+def pair_and_light(ratio: float, gap: float, moduli: Any = (STEEL, STEEL, STEEL)) -> lf.Problem:
+    """a and b are pressed together with friction; c is alone, flies through a gap and is pressed less."""
+    made = lf.Scene()
+    for modulus, name, x, y in zip(moduli, "abc", (0.0, 0.0, 3.0), (0.0, 1.0, 0.0), strict=True):
+        square(made, name, x, y, modulus, cells=3)
+    faces = {"side_a": ["a:x0"], "side_b": ["b:x0"], "side_c": ["c:x0"], "foot": ["a:y0"],
+             "joint": ["a:y1", "b:y0"],
+             "heavy": ["b:y1"], "stop": ["c:y0"], "light": ["c:y1"]}
+    laws = {name: lf.Symmetry() for name in ("side_a", "side_b", "side_c")} | {
+        "foot": lf.Displacement(0.0),
+        "joint": lf.Contact(friction=0.2),
+        "heavy": lf.Traction(np.array((5.0, -100.0))),
+        "stop": lf.Contact(gap=gap),
+        "light": lf.Traction(np.array((0.0, -100.0 * ratio))),
+    }
+    return joined(made, laws, faces)
+
+
 def squares_in_a_row(parts: int, bed: float, joint: Any = None, grip: Any = None) -> lf.Problem:
     """Squares b0, b1, ... with springs between, beds under all but the first one, moved at the end."""
     scene = lf.Scene()

@@ -90,14 +90,14 @@ TEST(NewtonProposal, WaitsAsLongAsAskedButForNoMoreThanHalfOfTheRun) {
   EXPECT_FALSE(none.due_within(1000));
 }
 
-TEST(NewtonProposal, IsHurriedOnce) {
+TEST(NewtonProposal, IsUntriedOnce) {
   Solved run;
-  run.proposal.begin(false, 1000, 500, 1);
-  EXPECT_TRUE(run.proposal.hurry());
-  EXPECT_TRUE(run.proposal.due());
+  run.proposal.begin(false, 1000, 500, 0);
+  EXPECT_FALSE(run.proposal.due_within(1'000'000));
+  EXPECT_TRUE(run.proposal.untried());
   run.propose();
-  EXPECT_FALSE(run.proposal.hurry());
-  EXPECT_FALSE(NewtonProposal(Metric(Vector::Ones(3)), {}, {}).hurry());
+  EXPECT_FALSE(run.proposal.untried());
+  EXPECT_FALSE(NewtonProposal(Metric(Vector::Ones(3)), {}, {}).untried());
 }
 
 TEST(NewtonProposal, ProposesAndIsFollowed) {

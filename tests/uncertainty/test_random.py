@@ -83,13 +83,13 @@ def test_jacobi_and_laguerre_are_orthonormal_for_all_shapes(
 
 @settings(max_examples=40, deadline=None)
 @given(
-    values=st.lists(st.floats(-1e3, 1e3).map(lambda x: round(x, 150)), min_size=4, max_size=40, unique=True),
+    values=st.lists(st.floats(-1e3, 1e3), min_size=4, max_size=40, unique=True),
     degree=st.integers(0, 6),
 )
 def test_any_measure_has_gauss_rules_inside_its_support(values: list[float], degree: int) -> None:
     atoms = np.sort(values)
-    if np.diff(atoms).min() < 1e-3 * np.ptp(atoms):
-        return  # numerically fewer atoms: another test
+    if np.diff(atoms).min() < 1e-3 * np.ptp(atoms) or np.ptp(atoms) < 1e-150:
+        return  # numerically fewer atoms, whose squares are nothing: another test
     germ = core.Germ.from_measure(atoms, np.ones(len(atoms)))
     count = min(degree + 1, len(atoms))
     rule = germ.gauss(count)

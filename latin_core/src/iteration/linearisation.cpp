@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -20,8 +21,6 @@ constexpr std::size_t most_tangents = 16;
 constexpr double no_slope = 1e-9;
 /// Forces of a column are measured with this fraction of the largest column at least.
 constexpr double quiet_column = 1e-3;
-/// Rounding of what is rounding of the largest data.
-constexpr double nothing_of = 1e-30;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
@@ -300,8 +299,9 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
   const Matrix data = nodal(state.data);
   const std::vector<Index>& first = tangents_.front()->first_active();
   // what is rounding of rounding of others is no force
-  const double nothing = structure.communicator().largest(
-      nothing_of * (data.size() > 0 ? data.cwiseAbs().maxCoeff<keep_nan>() : 0.0));
+  constexpr double epsilon = std::numeric_limits<double>::epsilon();
+  const double most = data.size() > 0 ? data.cwiseAbs().maxCoeff<keep_nan>() : 0.0;
+  const double nothing = structure.communicator().largest(epsilon * epsilon * most);
   double largest = 0.0;
   for (std::size_t b = 0; b + 1 < first.size(); ++b) {
     const auto rows = Eigen::seq(first[b], first[b + 1] - 1);

@@ -142,11 +142,11 @@ Newton::Column Newton::started(Index index, const Vector& force, ConstVectorRef 
 }
 
 Vector Newton::forces(const Column& column) const {
-  return system_.forces(column.index, memory_, stretched_jump(column), (1.0 + softness_) * own_);
+  return system_.forces(column.index, memory_, stretched_jump(column), (1.0 + column.softness) * own_);
 }
 
 Matrix Newton::slopes(const Column& column) const {
-  return system_.slopes(column.index, memory_, stretched_jump(column), (1.0 + softness_) * own_);
+  return system_.slopes(column.index, memory_, stretched_jump(column), (1.0 + column.softness) * own_);
 }
 
 void Newton::evaluate(Column& column) {
@@ -375,15 +375,15 @@ bool Newton::soften(Column& column, double tolerance, Index& steps) {
   Index next_trial = 1;
   for (Index round = 0; round < most_rounds && softness < most_softness && !stopped_; ++round) {
     Column next = column;
-    softness_ = softness;
-    stretching_ = column.force();
+    next.softness = softness;
+    next.stretching = column.force();
     evaluate(next);
-    const bool found = attempt(next, tolerance, {nullptr, true}, steps);
-    softness_ = 0.0;
-    softness *= found ? less_soft : softer;
-    if (!found) {
+    if (!attempt(next, tolerance, {nullptr, true}, steps)) {
+      softness *= softer;
       continue;
     }
+    softness *= less_soft;
+    next.softness = 0.0;
     evaluate(next);
     column = next;
     if (round >= next_trial) {

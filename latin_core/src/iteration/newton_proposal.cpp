@@ -46,12 +46,6 @@ void NewtonProposal::begin(bool from_zero, Index unknowns, Index most_iterations
   wait_ = static_cast<Index>(std::clamp(wait, 0.0, room));
 }
 
-bool NewtonProposal::hurry() {
-  const bool can = possible() && !tried_;
-  wait_ = can ? 0 : wait_;
-  return can;
-}
-
 NewtonOutcome NewtonProposal::propose(Iterate from, Index most) {
   if (!possible()) {
     return {};

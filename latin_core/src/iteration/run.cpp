@@ -268,9 +268,10 @@ Measured Run::rescue(Measured measured) {
     if (!safeguard_.restore(at())) {
       return measured;
     }
+    newton_.withdraw();  // what it proposed is a step from another iterate
     measured = stages_.measure(at(), history_, stop_);
   }
-  if (newton_.hurry()) {
+  if (newton_.untried()) {
     propose();
     if (newton_.slides()) {
       return measured;

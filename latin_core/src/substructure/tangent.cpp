@@ -345,7 +345,13 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
     return tangent_at(slopes, interface, first, stiffest);
   });
   combine();
-  factorise_now();
+  inverse_.resize(0, 0);
+  solved_ = 0;
+  if (dense_) {
+    factorise_dense();
+  } else {
+    factorise_sparse();
+  }
   slopes_ = slopes;
 }
 
@@ -359,16 +365,6 @@ void Tangent::hold_with(double hold) {
     holding_ = (of_rounding * joined_->directions())
                    .cwiseMax(hold * softest * joined_->scales())
                    .cwiseMin(holding_);
-  }
-}
-
-void Tangent::factorise_now() {
-  inverse_.resize(0, 0);
-  solved_ = 0;
-  if (dense_) {
-    factorise_dense();
-  } else {
-    factorise_sparse();
   }
 }
 

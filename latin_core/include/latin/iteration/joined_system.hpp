@@ -15,8 +15,8 @@ namespace latin::iteration {
 /// The bodies and interfaces of all ranks as Newton's method asks for them: in tables of the rows and unknowns of all, see
 /// Joined. On one rank they are those of the structure.
 ///
-/// Bodies and laws are asked on the ranks that have them, and every rank gets all answers. So each may compute the same from them;
-/// what decides which way it goes must come from follow_first(). Every member that asks is collective.
+/// Bodies and laws are asked on the ranks that have them, and every rank gets all answers. So each may compute the same
+/// from them; what decides which way it goes must come from follow_first(). Every member that asks is collective.
 class JoinedSystem {
  public:
   using Memory = substructure::InterfaceSystem::Memory;

@@ -69,6 +69,8 @@ class Newton {
     Vector jump;    ///< j0 (at the laws' flexibility) now
     Vector phi;     ///< R(j0) - f
     double norm = 0.0;
+    double softness = 0.0;  ///< of compliances in series with the laws, relative to their flexibility
+    Vector stretching;      ///< forces that have stretched these already
 
     [[nodiscard]] Vector force() const { return before + y; }
   };
@@ -136,8 +138,9 @@ class Newton {
   [[nodiscard]] Vector forces(const Column& column) const;
   [[nodiscard]] Matrix slopes(const Column& column) const;
   [[nodiscard]] Vector stretched_jump(const Column& column) const {
-    return softness_ > 0.0 ? Vector(column.jump + softness_ * own_.cwiseProduct(stretching_))
-                           : column.jump;
+    return column.softness > 0.0
+               ? Vector(column.jump + column.softness * own_.cwiseProduct(column.stretching))
+               : column.jump;
   }
   void evaluate(Column& column);
   [[nodiscard]] Vector imbalance(const Column& column) const {
@@ -170,8 +173,6 @@ class Newton {
   Vector roots_;  ///< what jumps are measured with, as these are lengths or rotations
   JoinedSystem::Memory memory_;  ///< of the columns before
   Predictor last_;               ///< of the answer of the column before
-  double softness_ = 0.0;        ///< of compliances in series with the laws, relative to own_
-  Vector stretching_;            ///< forces that have stretched these already
   bool remembers_ = false;       ///< whether the way to an answer matters
   bool softens_ = false;         ///< whether there are bonds
   Vector softening_;             ///< areas of their unknowns, else 0

@@ -41,8 +41,8 @@ class NewtonProposal {
   /// @param most_iterations that the run may take
   /// @param patience steps that cost no more than a proposal, see Options::newton; 0: only where the run would give up
   void begin(bool from_zero, Index unknowns, Index most_iterations, Index patience);
-  /// Propose next if nothing has been proposed yet: the iteration alone does not end. @return whether it will
-  bool hurry();
+  /// Whether there is a proposal that nobody has asked for yet.
+  [[nodiscard]] bool untried() const { return possible() && !tried_; }
   /// Whether a proposal is to be made now.
   [[nodiscard]] bool due() const { return due_within(0); }
   /// Whether one is to be made after so many steps, or fewer.

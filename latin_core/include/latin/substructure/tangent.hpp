@@ -132,7 +132,6 @@ class Tangent {
   void factorise_dense();
   void factorise_sparse();
   void hold_with(double hold);
-  void factorise_now();
 
   /// Rows of this rank of a table of all.
   [[nodiscard]] auto own(const Matrix& all) const {
