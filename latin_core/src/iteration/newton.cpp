@@ -25,8 +25,6 @@ constexpr int most_refined = 2;
 /// A residual that comes back to these digits so often goes in circles.
 constexpr double digits = 1e3;
 constexpr int most_returns = 3;
-/// What is left of a residual that was so much larger is rounding.
-constexpr double rounding_of_sums = 1e-14;
 /// A step moves what hangs on nothing no further than so many times what the jumps, the gaps and the loads are large: it
 /// may touch something on the way.
 constexpr double farthest = 10.0;
@@ -136,17 +134,17 @@ Newton::Column Newton::started(Index index, const Vector& force, ConstVectorRef 
   const Vector unbalanced = 0.5 * system_.residual(force, data, traces);
   column.jump = system_.jumps(traces) + own_.cwiseProduct(force);
   column.start = skeleton_->begin(unbalanced, column.jump);
-  column.y = Vector::Zero(force.size());
+  column.y = column.stretching = Vector::Zero(force.size());
   column.motion = Vector::Zero(skeleton_->motions());
   return column;
 }
 
 Vector Newton::forces(const Column& column) const {
-  return system_.forces(column.index, memory_, stretched_jump(column), (1.0 + column.softness) * own_);
+  return system_.forces(column.index, memory_, stretched(column), (1.0 + column.softness) * own_);
 }
 
 Matrix Newton::slopes(const Column& column) const {
-  return system_.slopes(column.index, memory_, stretched_jump(column), (1.0 + column.softness) * own_);
+  return system_.slopes(column.index, memory_, stretched(column), (1.0 + column.softness) * own_);
 }
 
 void Newton::evaluate(Column& column) {
@@ -264,12 +262,12 @@ bool Newton::march(const State& state, Column& column, double tolerance, Index& 
   if (lost(column)) {
     return false;
   }
-  if (soften(column, tolerance, steps) && (!gone(column) || hangs(column, column.start.loads))) {
-    return true;
-  }
-  column = start;
   if (drift(column, tolerance, steps) || slides_) {
     return !slides_;
+  }
+  column = start;
+  if (soften(column, tolerance, steps) && (!gone(column) || hangs(column, column.start.loads))) {
+    return true;
   }
   column = start;
   return in_parts(state, column, tolerance, steps);
@@ -295,7 +293,6 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
   std::map<long, int> seen;
   double share = 0.0;
   double before = 0.0;
-  const double first = column.norm;
   for (Index count = 0; count < most; ++count) {
     const double size = std::max(scale_, skeleton_->size_of(column.force()));
     if (count > 0 && share == 1.0 && column.norm <= tolerance * size) {
@@ -304,8 +301,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     if (!std::isfinite(column.norm)) {
       return false;
     }
-    const double rounding = std::max(rounding_of_forces * size, rounding_of_sums * first);
-    if (share == 1.0 && column.norm <= rounding && 2.0 * column.norm > before) {
+    if (share == 1.0 && column.norm <= rounding_of_forces * size && 2.0 * column.norm > before) {
       return true;
     }
     if (column.norm > 0.0 &&

@@ -26,10 +26,10 @@ namespace latin::iteration {
 /// the first iteration takes the laws linearised where that step has left them (what was closed sticks, what was open
 /// stays open, what was damaged unloads), and no step moves what nothing holds much further than the jumps are large. Where
 /// one would, it is asked whether anything balances the loads, and springs hold that motion. Where whole steps go in
-/// circles, steps are shortened by the residual; then compliances in series with the laws make them softer; then the modes
-/// are held by springs that become ever weaker (where these end up carrying a constant share of the loads, however weak
-/// they are, something slides away); at last the loads are added in parts. What none of these solves ends the march: the
-/// columns before it are answers.
+/// circles, steps are shortened by the residual; then the modes are held by springs that become ever weaker (where these
+/// end up carrying a constant share of the loads, however weak they are, something slides away); then compliances in
+/// series with the laws make them softer; at last the loads are added in parts. What none of these solves ends the march:
+/// the columns before it are answers.
 ///
 /// Bonds that soften are followed along their path: elastic up to the load at which the first point is damaged, then by
 /// what is dissipated, with the load as one more unknown, through loads that fall, until the step's is reached.
@@ -69,7 +69,7 @@ class Newton {
     Vector jump;    ///< j0 (at the laws' flexibility) now
     Vector phi;     ///< R(j0) - f
     double norm = 0.0;
-    double softness = 0.0;  ///< of compliances in series with the laws, relative to their flexibility
+    double softness = 0.0;  ///< of compliances in series, as a share of the laws' flexibility
     Vector stretching;      ///< forces that have stretched these already
 
     [[nodiscard]] Vector force() const { return before + y; }
@@ -137,10 +137,8 @@ class Newton {
   [[nodiscard]] bool soften(Column& column, double tolerance, Index& steps);
   [[nodiscard]] Vector forces(const Column& column) const;
   [[nodiscard]] Matrix slopes(const Column& column) const;
-  [[nodiscard]] Vector stretched_jump(const Column& column) const {
-    return column.softness > 0.0
-               ? Vector(column.jump + column.softness * own_.cwiseProduct(column.stretching))
-               : column.jump;
+  [[nodiscard]] Vector stretched(const Column& column) const {
+    return column.jump + column.softness * own_.cwiseProduct(column.stretching);
   }
   void evaluate(Column& column);
   [[nodiscard]] Vector imbalance(const Column& column) const {
