@@ -29,6 +29,7 @@ COMMON = "common"
 FRONTEND: dict[str, tuple[str, ...]] = {
     "common": (
         "arrays",
+        "deferred",
         "frozen",
         "kept",
         "groups",

@@ -13,7 +13,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
@@ -44,6 +43,7 @@ from dolfinx_frontend.assembly.stretch import with_cells
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.interrupts import stop_if_pressed

@@ -17,12 +17,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from latin_core import mortar
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.overlap import closure_nodes
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.vectors import unit_rows
 
 __all__ = ["Averages", "average"]

@@ -6,12 +6,12 @@ from typing import Any
 
 import basix
 import numpy as np
-import scipy.sparse as sp
 from dolfinx import mesh as dmesh
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 
 __all__ = [

@@ -9,11 +9,11 @@ from typing import Any
 
 import basix
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.elements import DIGITS, EPS, coordinate_element, quadrature, tabulate
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.specs import PartLike
 

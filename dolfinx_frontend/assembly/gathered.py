@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.elements import csr, petsc_matrix
 from dolfinx_frontend.assembly.interface import Interface, Side
@@ -17,6 +16,7 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.stretch import Stretch
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.scene.laws import Perfect
 
 __all__ = ["by_first", "gathered"]

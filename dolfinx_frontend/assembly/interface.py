@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, SupportsIndex
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.elements import check_unchanged, csr, noted
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law

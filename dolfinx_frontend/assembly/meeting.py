@@ -14,7 +14,6 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
 from dolfinx_frontend.assembly.held_nodes import Held, held_by, joined_holds
@@ -24,6 +23,7 @@ from dolfinx_frontend.assembly.pairing import coincide, near_facets
 from dolfinx_frontend.assembly.places import NEAR
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination
@@ -187,7 +187,7 @@ def supports_that_meet(
 
 def _away(x: Array, line: Array) -> Array:
     """(m,): distance of points (m, d) from what lies between neighbouring nodes (n, d) of a line."""
-    near = cKDTree(line).query(x, [1, 2, 3][: len(line)])[1]  # it is between two of these
+    near = spatial.cKDTree(line).query(x, [1, 2, 3][: len(line)])[1]  # it is between two of these
     first, along = line[near][:, :, None], line[near][:, None] - line[near][:, :, None]
     beside = x[:, None, None] - first
     squared = np.maximum(np.sum(along**2, axis=3), np.finfo(float).tiny)

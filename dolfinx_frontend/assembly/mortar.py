@@ -37,13 +37,13 @@ from typing import Any
 
 import basix
 import numpy as np
-import scipy.sparse as sp
 from latin_core import mortar as kernel
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.held_nodes import Held, held_twice
 from dolfinx_frontend.assembly.overlap import closure_nodes, linear_means
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.vectors import unit_rows
 from dolfinx_frontend.scene.laws import Law
 

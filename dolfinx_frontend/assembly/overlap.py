@@ -15,11 +15,11 @@ from typing import Any, cast
 import basix
 import numpy as np
 from latin_core import mortar
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.elements import quadrature, tabulate
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.specs import Overlap
 
@@ -313,7 +313,7 @@ def check_cover(
     if uncovered > 1.0 - 1e-6:
         if not reason:
             d = first.dim
-            nearest, _ = cKDTree(second.samples.reshape(-1, d)).query(first.samples.reshape(-1, d))
+            nearest, _ = spatial.cKDTree(second.samples.reshape(-1, d)).query(first.samples.reshape(-1, d))
             reason = f"the faces are {nearest.min():.4g} apart, facet size {size:.4g}"
         raise SceneError(
             f"{where}: the facets do not face each other: no facet of {names[0]} overlaps one of "

@@ -14,9 +14,7 @@ from typing import Any
 
 import basix
 import numpy as np
-import scipy.sparse as sp
 from latin_core import mortar as kernel
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.averages import average
 from dolfinx_frontend.assembly.elements import petsc_matrix
@@ -35,6 +33,7 @@ from dolfinx_frontend.assembly.overlap import (
     shape_of,
 )
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp, spatial
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.vectors import unit, unit_rows
 from dolfinx_frontend.scene.laws import Elimination, Law
@@ -144,7 +143,7 @@ def _trace(shape: sp.csr_matrix, d: int, along: tuple[sp.csr_matrix, Array] | No
 def _nearest(facets: FacetMap, points: Array) -> Ints:
     """(points, k): owners of the nearest sample points, ascending."""
     n, k, d = facets.samples.shape
-    tree = cKDTree(facets.samples.reshape(n * k, d))
+    tree = spatial.cKDTree(facets.samples.reshape(n * k, d))
     near = min(12, n * k)
     _, found = tree.query(points, k=near)
     return np.sort(found.reshape(len(points), near) // k, axis=1)
@@ -289,7 +288,7 @@ def _sag(faces: Sequence[FacetMap], points: Array) -> tuple[Array, Array]:
     for facets in faces:
         if not facets.sags.any():
             continue
-        _, nearest = cKDTree(facets.samples.mean(axis=1)).query(points)
+        _, nearest = spatial.cKDTree(facets.samples.mean(axis=1)).query(points)
         sag = np.maximum(sag, 1.2 * facets.sags[nearest])
         chords = np.maximum(chords, 1.2 * facets.chords[nearest])
     return sag, chords
@@ -331,7 +330,7 @@ def _apart(pair: _Pair) -> float:
         gaps.append(along[over])
     if not len(points[0]) or not len(points[1]):
         return 0.0
-    _, near = cKDTree(points[1]).query(points[0])
+    _, near = spatial.cKDTree(points[1]).query(points[0])
     both = np.stack([gaps[0], gaps[1][near]])
     least = np.abs(both).min(axis=0)
     size = float(np.sqrt(min(area.sum() for area in pair.areas)))
@@ -349,7 +348,7 @@ def _match(size: float, sides: tuple[Side, Side], coordinates: tuple[Array, Arra
     if len(first.nodes) != len(second.nodes):
         return None
     x1, x2 = coordinates[0][first.nodes], coordinates[1][second.nodes]
-    distance, partner = cKDTree(x2).query(x1)
+    distance, partner = spatial.cKDTree(x2).query(x1)
     if distance.max() > _ALIKE * size or len(np.unique(partner)) < len(partner):
         return None
     nodes2 = second.nodes[partner]
@@ -586,7 +585,7 @@ def coincide(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
     if len(x[0]) != len(x[1]):
         return False
     size = float(min(face.sizes.min() for face in faces))
-    distance, _ = cKDTree(x[1]).query(x[0])
+    distance, _ = spatial.cKDTree(x[1]).query(x[0])
     return bool(distance.max() <= _ALIKE * size)
 
 
@@ -596,7 +595,7 @@ def _same_facets(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
     kinds = {(len(f), f.facet_cell, degree) for f, degree in zip(faces, degrees, strict=True)}
     if len(kinds) > 1:
         return False
-    distance, _ = cKDTree(faces[1].samples.mean(axis=1)).query(faces[0].samples.mean(axis=1))
+    distance, _ = spatial.cKDTree(faces[1].samples.mean(axis=1)).query(faces[0].samples.mean(axis=1))
     return bool(distance.max() <= _ALIKE * min(face.sizes.min() for face in faces))
 
 

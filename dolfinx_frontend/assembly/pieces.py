@@ -14,12 +14,11 @@ from typing import Any
 import dolfinx.fem as fem
 import dolfinx.la as la
 import numpy as np
-import scipy.linalg
-import scipy.sparse as sp
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import linalg, sp
 from dolfinx_frontend.common.errors import SceneError
 from latin_core import Elimination, InputError, NumericalError
 
@@ -207,7 +206,7 @@ class Pieces:
         left[self._shared] = (load - self.stiffness @ moved)[shared]
         self._nodes.comm.Allreduce(_IN_PLACE, left)
         if len(left):
-            kept[:split] = scipy.linalg.cho_solve((self._lower, True), left)[self._shared]
+            kept[:split] = linalg.cho_solve((self._lower, True), left)[self._shared]
             found = self._own.expand(kept, partial)[:, 0]
         return self._order, np.asarray(found)
 
@@ -217,7 +216,7 @@ class Pieces:
             return total
         diagonal = np.diag(total).copy()
         try:
-            lower: Array = scipy.linalg.cholesky(total, lower=True, overwrite_a=True)
+            lower: Array = linalg.cholesky(total, lower=True, overwrite_a=True)
         except (np.linalg.LinAlgError, ValueError):
             lower = np.zeros_like(total)
         if not np.all(np.diag(lower) ** 2 >= _SINGULAR * diagonal):
@@ -230,7 +229,7 @@ class Pieces:
     def _solved_half(self, right: Array) -> Array:
         if not len(self._lower) or not right.shape[1]:
             return right
-        return np.asarray(scipy.linalg.solve_triangular(self._lower, right, lower=True))
+        return np.asarray(linalg.solve_triangular(self._lower, right, lower=True))
 
     def _halves(self, own: Array, starts: range) -> Array:
         """L^-1 S_cb: each rank makes some of the columns, and all have all of them."""

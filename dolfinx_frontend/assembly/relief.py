@@ -12,7 +12,6 @@ from typing import Any
 
 import dolfinx.fem as fem
 import numpy as np
-import scipy.linalg
 import ufl
 
 from dolfinx_frontend.assembly.part_loads import PartLoad
@@ -20,6 +19,7 @@ from dolfinx_frontend.assembly.ranks import PartSummary, exchanged
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.substructure import Substructure, ring
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import linalg
 
 __all__ = ["Relief", "supports"]
 
@@ -125,7 +125,7 @@ def supports(s: Substructure) -> list[tuple[int, tuple[int, ...]]]:
         return [(first, (1,))]
     modes = rigid_modes(x[nodes], x[nodes].mean(axis=0), s.length)  # (3, d, r)
     rows = modes.reshape(3 * d, -1)
-    _, _, order = scipy.linalg.qr(rows.T, pivoting=True)
+    _, _, order = linalg.qr(rows.T, pivoting=True)
     chosen = sorted(int(k) for k in order[: rows.shape[1]])
     held: dict[int, list[int]] = {}
     for k in chosen:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.interface import Interface, Side
@@ -13,6 +12,7 @@ from dolfinx_frontend.assembly.part_loads import FaceOf, cross, fitting
 from dolfinx_frontend.assembly.places import NEAR
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote
 

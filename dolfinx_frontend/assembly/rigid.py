@@ -14,10 +14,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp, spla
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels
 

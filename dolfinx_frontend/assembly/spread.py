@@ -26,7 +26,6 @@ import dolfinx.fem as fem
 import dolfinx.fem.petsc as fem_petsc
 import dolfinx.la as la
 import numpy as np
-import scipy.sparse as sp
 import ufl
 from mpi4py import MPI
 from petsc4py import PETSc as _PETSc
@@ -38,6 +37,7 @@ from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.substructure import Substructure, form_of, load_form, modulus_of
 from dolfinx_frontend.assembly.taken import Cells, Surroundings, cells_along, joined, meshed, numbers_in
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.scene.amplitudes import Varying

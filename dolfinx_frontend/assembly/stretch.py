@@ -11,13 +11,13 @@ import basix.ufl
 import dolfinx.fem as fem
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
-import scipy.sparse as sp
 import ufl
 
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.ranks import PartSummary, agreement, exchanged
 from dolfinx_frontend.assembly.substructure import Substructure, bilinear_of, ring
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.values import is_random_field

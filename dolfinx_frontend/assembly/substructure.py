@@ -11,7 +11,6 @@ from typing import Any
 import basix
 import dolfinx.fem as fem
 import numpy as np
-import scipy.sparse as sp
 import ufl
 from basix.ufl import element
 from dolfinx import jit
@@ -34,6 +33,7 @@ from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import OneProcess, locked, locked_matrix, read_only

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
@@ -13,6 +12,7 @@ from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Flags, Ints
 from dolfinx_frontend.common.compat import component
+from dolfinx_frontend.common.deferred import sp
 
 __all__ = ["Vertices", "in_thin_cells", "vertices_of"]
 

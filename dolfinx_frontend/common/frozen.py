@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any, NoReturn, Self, SupportsIndex, TypeVar
 
 import numpy as np
-import scipy.sparse as sp
+
+from dolfinx_frontend.common.deferred import sp
 
 __all__ = ["OneProcess", "ReadOnlyDict", "by_value", "frozen", "locked", "locked_matrix", "read_only"]
 

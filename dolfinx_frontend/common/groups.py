@@ -7,10 +7,9 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from dolfinx_frontend.common.arrays import Ints
+from dolfinx_frontend.common.deferred import sp
 
 __all__ = ["group_labels", "grouped"]
 
@@ -34,7 +33,7 @@ def group_labels(count: int, pairs: npt.ArrayLike) -> Ints:
         return np.zeros(0, dtype=np.int64)
     first, second = np.asarray(pairs, dtype=np.int64).reshape(-1, 2).T
     graph = sp.coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-    _, found = connected_components(graph, directed=False)
+    _, found = sp.csgraph.connected_components(graph, directed=False)
     _, at = np.unique(found, return_index=True)
     order = np.argsort(np.argsort(at))  # scipy does not promise an order
     return np.asarray(order[found], dtype=np.int64)

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import ufl
 from basix.ufl import element
-from scipy.spatial import cKDTree
 from ufl.domain import extract_domains
 
 from dolfinx_frontend.assembly.problem import Problem
@@ -23,6 +22,7 @@ from dolfinx_frontend.assembly.taken import on_one_rank, spread_over
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.estimate.cells import Cells
@@ -193,7 +193,7 @@ def finer(
             each = ratios.setdefault(side.substructure, np.ones(len(cells[side.substructure])))
             beside, at = meshes[side.substructure].faces[side.face]
             size = meshes[side.substructure].sizes[beside]
-            distance, _ = cKDTree(places).query(at)
+            distance, _ = spatial.cKDTree(places).query(at)
             near = beside[distance <= 1.5 * size]
             each[near] = np.minimum(each[near], 0.5)
     _as_fine_as_the_other_side(problem, meshes, ratios)
@@ -433,7 +433,7 @@ def _as_fine_as_the_other_side(
                 meshes[side.substructure].faces[side.face] for side in interface.sides
             )
             one, other = (wanted[side.substructure] for side in interface.sides)
-            _, near = cKDTree(at_first).query(at_second)
+            _, near = spatial.cKDTree(at_first).query(at_second)
             np.minimum.at(one, first[near], other[second])
     for name, sizes in wanted.items():
         own = meshes[name].sizes

@@ -21,9 +21,9 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg
 
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.deferred import linalg
 from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.estimate.kinks import states_of
 from dolfinx_frontend.results.samples import SampleResult

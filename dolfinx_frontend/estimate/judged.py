@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 from latin_core import Options
-from scipy.special import ndtr
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import special
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt
 from dolfinx_frontend.common.progress import progress as bars
@@ -1126,5 +1126,5 @@ def _acting(random: RandomLaws, scores: Mapping[str, float]) -> dict[str, Any]:
     at the points of these meshes."""
     u = np.full((1, random.space.dimension), 0.5)
     for column, name in enumerate(random.space.germ_names):
-        u[0, column] = ndtr(scores.get(name, 0.0))
+        u[0, column] = special.ndtr(scores.get(name, 0.0))
     return values_of(random, random.space.from_uniform(u))

@@ -17,11 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from latin_core import Options
-from scipy.stats import norm
-from scipy.stats import t as student_t
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import FINEST, complete, errors, next_halving, size_of, whole_of
 from dolfinx_frontend.estimate.points import SETS, SURE, calibrated, solved, wide_points
@@ -349,7 +348,7 @@ def _size_of_rest(rest: Array, weights: Array, terms: int) -> float:
     """Root mean square of what a fit with so many terms leaves (n,), larger where it left few points over."""
     free = len(rest) - terms
     size = float(np.sqrt(np.sum(np.abs(weights) * rest**2) * len(rest) / free))
-    return size * float(student_t.ppf(CERTAIN, free) / norm.ppf(CERTAIN))
+    return size * float(stats.t.ppf(CERTAIN, free) / stats.norm.ppf(CERTAIN))
 
 
 def _again(samples: SampleResult, point: int, quantity: Resultant) -> SampleResult:

@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 from latin_core import SweepPoints
-from scipy.special import ndtr, ndtri
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import special
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
 from dolfinx_frontend.estimate.errors import size_of
@@ -166,7 +166,7 @@ def wide_points(
     scores = []
     for kind, (middle, scale, number) in enumerate(kinds):
         unit = sobol_points(dimension, number, np.random.default_rng([seed, kind]))
-        scores.append(middle + scale * ndtri(np.clip(unit, tiny, 1.0 - tiny)))
+        scores.append(middle + scale * special.ndtri(np.clip(unit, tiny, 1.0 - tiny)))
     z = np.concatenate(scores)
     own = 0.5 * np.sum(z**2, axis=1)
     density = np.zeros(len(z))  # of the mixture, over that of the germs
@@ -530,7 +530,7 @@ def far_out(
 def _shares(scores: Array) -> Array:
     """Probability of the piece of a tail that a normal score stands for."""
     half = 0.5 * (TAIL[1] - TAIL[0])
-    return np.asarray(ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half))
+    return np.asarray(special.ndtr(-np.abs(scores) + half) - special.ndtr(-np.abs(scores) - half))
 
 
 def _tails(space: RandomSpace, depth: int = len(TAIL)) -> tuple[Array, Array]:
@@ -543,10 +543,10 @@ def _tails(space: RandomSpace, depth: int = len(TAIL)) -> tuple[Array, Array]:
     tiny = 2.0**-54
     count = 2 ** int(np.ceil(np.log2(dimension * len(scores))))
     drawn = sobol_points(dimension, count, np.random.default_rng(54321))[: dimension * len(scores)]
-    z = ndtri(np.clip(drawn, tiny, 1.0 - tiny))
+    z = special.ndtri(np.clip(drawn, tiny, 1.0 - tiny))
     for germ in range(dimension):
         z[germ * len(scores) : (germ + 1) * len(scores), germ] = scores
-    return space.from_uniform(ndtr(z)), np.tile(_shares(scores), dimension)
+    return space.from_uniform(special.ndtr(z)), np.tile(_shares(scores), dimension)
 
 
 def misfit(seen: Witnesses, approximate: Array, value: MeanStd) -> Misfit:
@@ -705,7 +705,7 @@ def lost_of_fields(
         at = np.zeros((pairs, full.space.dimension))
         # of one side of zero, as the pairs have both: what few lost modes do goes with their squares
         sides = rng.choice([-1.0, 1.0], (pairs // SHARED, len(lost)))
-        sizes = ndtri(0.5 + 0.5 * latin_points(len(lost), pairs // SHARED, rng))
+        sizes = special.ndtri(0.5 + 0.5 * latin_points(len(lost), pairs // SHARED, rng))
         at[:, lost] = np.repeat(sides * sizes, SHARED, axis=0)
         other = at.copy()
         other[:, lost] *= -1.0

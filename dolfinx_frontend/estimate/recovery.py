@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import basix
 import dolfinx.fem as fem
 import numpy as np
-import scipy.sparse as sp
 import ufl
 from basix.ufl import element
 from mpi4py import MPI
@@ -28,6 +27,7 @@ from dolfinx_frontend.assembly.substructure import Substructure, ring
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.kept import kept
 from dolfinx_frontend.scene.materials import LinearElastic

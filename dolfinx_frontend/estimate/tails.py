@@ -14,9 +14,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import special
 from dolfinx_frontend.estimate.points import TAIL, Witnesses, lawful, normal_scores, solved
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, MeanStd
@@ -73,12 +73,12 @@ class Tail(NamedTuple):
     @property
     def weight(self) -> float:
         """Of the last point, so that it stands for the square of all that is beyond."""
-        return float(ndtr(-abs(self.end))) / (1.0 - 2.0 * self.power)
+        return float(special.ndtr(-abs(self.end))) / (1.0 - 2.0 * self.power)
 
     def off(self) -> tuple[float, float]:
         """Errors of the integrals of the quantity and of its square beyond the last point, if it stands for
         them."""
-        beyond, s = float(ndtr(-abs(self.end))), self.power
+        beyond, s = float(special.ndtr(-abs(self.end))), self.power
         if s + self.doubt >= 0.5:
             return np.inf, np.inf
         first = beyond * self.size * (1.0 / (1.0 - 2.0 * s) - 1.0 / (1.0 - s))
@@ -90,8 +90,8 @@ class Tail(NamedTuple):
         s = max(self.power + self.doubt, 0.0)
         if s >= 0.5:
             return np.inf if s >= 1.0 else 0.0, np.inf
-        log_u = float(log_ndtr(-abs(score)))
-        size = self.size * float(np.exp(self.power * (log_ndtr(-abs(self.end)) - log_u)))
+        log_u = float(special.log_ndtr(-abs(score)))
+        size = self.size * float(np.exp(self.power * (special.log_ndtr(-abs(self.end)) - log_u)))
         u = float(np.exp(log_u))
         return size * u / (1.0 - s), size**2 * u / (1.0 - 2.0 * s)
 
@@ -140,7 +140,7 @@ def _steep(result: ChaosResult, points: Array, scores: Array) -> bool:
         return True
     random = result.random
     of_loads = [each for found in random.loads.values() for each in found]
-    least = LEAST_OF_LAWS * abs(float(np.diff(log_ndtr(-np.abs(scores[-2:])))[0]))
+    least = LEAST_OF_LAWS * abs(float(np.diff(special.log_ndtr(-np.abs(scores[-2:])))[0]))
     for source in dict.fromkeys([*random.sources.values(), *of_loads, *random.parts.values()]):
         values = np.abs(result.space.values(source, points[-2:])).reshape(-1, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -157,14 +157,14 @@ def _nearest(scores: Array, wanted: float) -> int | None:
 
 def _suspect(scores: Array, values: Array, value: MeanStd, target: float) -> bool:
     """Whether what is beyond the last of some witnesses along a germ may matter."""
-    size, log_u = np.abs(values - value.mean), log_ndtr(-np.abs(scores))
+    size, log_u = np.abs(values - value.mean), special.log_ndtr(-np.abs(scores))
     if not (np.all(np.isfinite(size)) and size[-1] > 0.0):
         return bool(np.any(~np.isfinite(size)))
     with np.errstate(divide="ignore"):
         powers = np.log(size[-1] / size[[0, -2]]) / (log_u[[0, -2]] - log_u[-1])
     s = float(np.clip(powers.max(), 0.0, LIKELY))
     last = abs(scores[-1]) + 0.5 * (TAIL[1] - TAIL[0])
-    u = float(ndtr(-last))
+    u = float(special.ndtr(-last))
     square = (size[-1] * np.exp(s * (log_u[-1] - np.log(u)))) ** 2 * u / (1.0 - 2.0 * s)
     return bool(square > 2.0 * OF_TARGET * target * (value.std or 0.0) ** 2)
 
@@ -176,7 +176,7 @@ def _grown(germ: int, scores: Array, points: Array, away: Array) -> Tail | None:
     if good.sum() < 3:  # differences of powers
         return None
     scores, points, size = scores[good], points[good], size[good]
-    powers = np.diff(np.log(size)) / -np.diff(log_ndtr(-np.abs(scores)))
+    powers = np.diff(np.log(size)) / -np.diff(special.log_ndtr(-np.abs(scores)))
     changes = np.diff(powers)
     s, doubt = float(powers[-1]), 3.0 * abs(float(changes[-1]))
     if len(changes) > 1 and changes[-2] != 0.0:

@@ -17,10 +17,10 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 from latin_core import Laws
-from scipy.sparse.linalg import LinearOperator, gmres
 
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import spla
 from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.kernel.solver import Solver
 
@@ -140,9 +140,9 @@ class Transposed:
                 if ends:
                     return step
                 self._apply(step)
-        operator = LinearOperator((len(right), len(right)), matvec=self._asked, dtype=np.float64)
+        operator = spla.LinearOperator((len(right), len(right)), matvec=self._asked, dtype=np.float64)
         steps = min(MOST_STEPS, len(right))
-        step, _ = gmres(operator, right, rtol=ENOUGH, restart=steps, maxiter=1)
+        step, _ = spla.gmres(operator, right, rtol=ENOUGH, restart=steps, maxiter=1)
         return self._first((step, True))[0]
 
     def _asked(self, step: Array) -> Array:

@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from dolfinx import mesh as dmesh
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
 from dolfinx_frontend.assembly.interface import Interface
@@ -31,6 +30,7 @@ from dolfinx_frontend.assembly.ranks import agreement, swap
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.kept import kept
 from dolfinx_frontend.estimate.recovery import recovery
@@ -278,7 +278,7 @@ def _longer(part: Substructure, found: _Round, points: Array) -> Longer:
     corners = np.asarray(mesh.geometry.x)[np.asarray(cell_nodes(mesh))[found.cells]][..., :d]
     centre = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-    distance, _ = cKDTree(points).query(centre)
+    distance, _ = spatial.cKDTree(points).query(centre)
     areas = found.areas[distance <= reach]
     return Longer(float(areas.sum()), float(areas @ found.longer[distance <= reach]))
 

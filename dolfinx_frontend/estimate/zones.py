@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.estimate.cells import Cells
 from dolfinx_frontend.estimate.unseen import extent
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
@@ -135,7 +135,7 @@ def contact_zones(result: Result, step: int = -1) -> Zones:
             out[name] = interface.points[closed]
             continue
         count = min(interface.num_points, 3 if interface.dim == 2 else 7)
-        _, around = cKDTree(interface.points).query(interface.points, k=count)
+        _, around = spatial.cKDTree(interface.points).query(interface.points, k=count)
         mixed = np.any(state[:, around].min(axis=2) != state[:, around].max(axis=2), axis=0)
         if mixed.any():
             out[name] = interface.points[mixed]

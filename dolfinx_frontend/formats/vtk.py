@@ -15,7 +15,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import numpy.typing as npt
@@ -85,11 +84,11 @@ class Grid:
         """A ``.vtu`` file."""
         def array(values: npt.NDArray[np.generic], name: str, components: str = "") -> str:
             labels = components.split() if " " in components else list(components)
-            text = "".join(f" ComponentName{i}={quoteattr(label)}" for i, label in enumerate(labels))
+            text = "".join(f" ComponentName{i}={_quoted(label)}" for i, label in enumerate(labels))
             if values.ndim > 1:
                 text = f' NumberOfComponents="{values.shape[1]}"{text}'
             return (
-                f'        <DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)}{text} '
+                f'        <DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={_quoted(name)}{text} '
                 f'format="binary">{_encoded(values)}</DataArray>\n'
             )
 
@@ -148,6 +147,13 @@ def _file_name(number: int, name: str) -> str:
     return f"{number}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name)}.vtu"
 
 
+def _quoted(text: str) -> str:
+    """A text as the value of an attribute."""
+    from xml.sax.saxutils import quoteattr  # loads urllib and ssl
+
+    return quoteattr(text)
+
+
 class _Files(ExitStack):
     """Files that take the places of older ones together, the first last: a failure leaves all of those."""
 
@@ -166,7 +172,7 @@ def _write_index(files: _Files, target: Path, blocks: Blocks, rank: int) -> None
         nonlocal number
         out = []
         for index, (name, block) in enumerate(of.items()):
-            head = f'index="{index}" name={quoteattr(name)}'
+            head = f'index="{index}" name={_quoted(name)}'
             if isinstance(block, Mapping):
                 inside = lines(block, indent + "  ")
                 out += [f"{indent}<Block {head}>", *inside, f"{indent}</Block>"]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 
@@ -51,7 +51,7 @@ class SizeField:
 
     def __call__(self, x: Array) -> Array:
         """Sizes (n,) at points (n, d): those of the nearest vertices."""
-        _, near = cKDTree(self.x).query(np.atleast_2d(np.asarray(x, dtype=np.float64))[:, : self.x.shape[1]])
+        _, near = spatial.cKDTree(self.x).query(np.atleast_2d(x)[:, : self.x.shape[1]])
         return np.asarray(self.sizes[near], dtype=np.float64)
 
     @classmethod
@@ -65,7 +65,7 @@ class SizeField:
         cells = np.concatenate([each.cells + b for each, b in zip(every, begin, strict=False)])
         sizes = np.concatenate([each.sizes for each in every])
         # vertices of meshes that match are at one place up to rounding
-        near = cKDTree(x).query_pairs(SAME * float(np.ptp(x, axis=0).max()), output_type="ndarray")
+        near = spatial.cKDTree(x).query_pairs(SAME * float(np.ptp(x, axis=0).max()), output_type="ndarray")
         if len(near):
             least = np.minimum(sizes[near[:, 0]], sizes[near[:, 1]])
             for side in (0, 1):

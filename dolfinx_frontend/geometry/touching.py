@@ -9,10 +9,10 @@ from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.clipping import clip
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.common.vectors import unit
@@ -300,7 +300,7 @@ def _facing(
     r1, r2 = (
         np.linalg.norm(t - c[:, None], axis=2).max(axis=1) for t, c in ((one, c1), (two, c2))
     )
-    near = cKDTree(c2).query_ball_point(c1, r1 + r2.max() + gap)
+    near = spatial.cKDTree(c2).query_ball_point(c1, r1 + r2.max() + gap)
     i = np.repeat(np.arange(len(one)), [len(n) for n in near])
     if not i.size:
         return None

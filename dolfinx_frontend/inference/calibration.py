@@ -10,13 +10,12 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize, special, stats
-from scipy.interpolate import PchipInterpolator
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_seed, checked_whole
+from dolfinx_frontend.common.deferred import interpolate, optimize, special, stats
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.inference.chains import Chains, walked
 from dolfinx_frontend.inference.function import ProblemFunction, check_handed_on, problem_function
@@ -257,7 +256,7 @@ class _Smoothed:
         knots = np.interp(grid, z, values[order])
         keep = np.concatenate([[True], np.diff(knots) > 1e-12 * np.abs(knots).max()])
         self._z, self._x = grid[keep], knots[keep]
-        self._of = PchipInterpolator(self._z, self._x)
+        self._of = interpolate.PchipInterpolator(self._z, self._x)
         ends = self._of.derivative()(self._z[[0, -1]])
         self._slopes = np.maximum(ends, 1e-3 * np.ptp(self._x) / np.ptp(self._z))
         self._fine = np.linspace(self._z[0], self._z[-1], 4001)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import linalg
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import linalg
 from dolfinx_frontend.uncertainty.fitting import openturns
 
 __all__ = ["Chains", "walked"]

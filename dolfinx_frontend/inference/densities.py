@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special, stats
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import special, stats
 from dolfinx_frontend.inference.design import DesignPoint
 
 __all__ = ["Mixture", "Surface"]

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy import optimize, stats
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import optimize, stats
 
 __all__ = [
     "LOST",

@@ -18,9 +18,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, special
 
 from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.deferred import linalg, special
 from dolfinx_frontend.inference.densities import Mixture
 from dolfinx_frontend.inference.design import DesignPoint
 

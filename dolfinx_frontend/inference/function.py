@@ -17,12 +17,12 @@ from typing import Any, Literal, Never
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options, State, SweepPoints
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import check_known, checked_name
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.formats.openturns import function_of
 from dolfinx_frontend.inference.events import Response, response
@@ -387,7 +387,7 @@ class ProblemFunction:
         known = np.array([each.x for each in every])
         scale = np.ptp(np.vstack([known, x]), axis=0)
         scale[scale == 0.0] = 1.0
-        distance, _ = cKDTree(x / scale).query(known / scale)
+        distance, _ = spatial.cKDTree(x / scale).query(known / scale)
         return [every[k] for k in np.argsort(distance, kind="stable")[:most]]
 
     def _read(self, answer: SweepResult, x: Array) -> Array:

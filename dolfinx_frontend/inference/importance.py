@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy import special, stats
 
 from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.deferred import special, stats
 from dolfinx_frontend.inference.densities import Mixture
 from dolfinx_frontend.inference.design import DesignPoint, Limit, worst
 from dolfinx_frontend.inference.doubled import Predictor, Round, sampled_round

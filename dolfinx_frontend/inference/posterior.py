@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, optimize, special, stats
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.deferred import linalg, optimize, special, stats
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.inference.function import ProblemFunction

@@ -8,7 +8,6 @@ from time import perf_counter
 from typing import Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
-from scipy import stats
 
 from dolfinx_frontend.assembly.gathered import by_first, gathered
 from dolfinx_frontend.assembly.problem import Problem
@@ -21,6 +20,7 @@ from dolfinx_frontend.common.checks import (
     checked_seed,
     checked_whole,
 )
+from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.inference.design import (
     DesignPoint,

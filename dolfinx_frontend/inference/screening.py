@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_seed, checked_whole
+from dolfinx_frontend.common.deferred import special
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.inference.function import check_handed_on, problem_function
 from dolfinx_frontend.kernel.spread import check_given_alike

@@ -11,10 +11,10 @@ import logging
 import numpy as np
 import numpy.typing as npt
 from latin_core import Laws, Linearised, NumericalError, State
-from scipy import linalg
 
 from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.deferred import linalg
 from dolfinx_frontend.kernel.bridge import active_fields
 from dolfinx_frontend.kernel.solver import Solver
 

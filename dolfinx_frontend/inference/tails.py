@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.inference.design import Limit, worst
 
 __all__ = ["Found", "directional_sampling", "plain_sampling", "subset_simulation"]

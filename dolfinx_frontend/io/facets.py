@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import basix
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.elements import tabulate
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.formats.vtk import CELLS, Grid, Values, vertices
 from dolfinx_frontend.results.answer import Answer, check_answer, stepped
 from dolfinx_frontend.results.contact import OPEN, SLIPS

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from latin_core import State
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.kernel.solver import Solver
 
 __all__ = ["carried"]
@@ -53,7 +53,7 @@ def _moved(values: Array, old: Interface, new: Interface, rows: int) -> Array:
     if components == d:  # frames may have turned
         field = np.einsum("mri,mrc->mic", old.frames, field)
     count = min(_NEAREST, old.num_points)
-    distance, near = cKDTree(old.points).query(new.points, k=count)
+    distance, near = spatial.cKDTree(old.points).query(new.points, k=count)
     distance, near = distance.reshape(-1, count), near.reshape(-1, count)
     size = float(np.ptp(old.points, axis=0).max()) or 1.0
     weight = 1.0 / (distance**2 + (1e-6 * size) ** 2)

@@ -15,7 +15,6 @@ from typing import Any, TypeAlias
 import latin_core
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 from latin_core import SweptParameter
 
 from dolfinx_frontend.assembly.elements import csr
@@ -25,6 +24,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.codes import code_digest
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.plan.plan import Plan
 
 __all__ = ["fingerprint"]

@@ -18,8 +18,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.assembly.elements import csr, petsc_matrix
@@ -28,6 +26,7 @@ from dolfinx_frontend.assembly.ranks import swap
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.vertices import in_thin_cells, vertices_of
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.deferred import sp, spla
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.rows import Rows, placed
 

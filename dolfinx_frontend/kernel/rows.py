@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-import scipy.sparse as sp
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.ranks import exchanged, waited
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import sp
 
 __all__ = ["Rows", "placed"]
 

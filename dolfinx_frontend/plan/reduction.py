@@ -13,14 +13,13 @@ from functools import partial
 from typing import cast
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.linalg import qr
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.meeting import Differing, Off, refuse, supports_that_meet
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.deferred import linalg, sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
 from dolfinx_frontend.plan.ties import differing_ties, given_at, ties_of
@@ -399,7 +398,7 @@ def spanning(values: Array) -> list[int]:
     """Points of which the values (k, N) of all N are affine combinations: what is prescribed differently is
     affine in them, and where these points have none of it no point has."""
     size = max(float(np.abs(values).max()), 1e-300)
-    upper, order = qr(np.vstack([np.full(values.shape[1], size), values]), mode="r", pivoting=True)
+    upper, order = linalg.qr(np.vstack([np.full(values.shape[1], size), values]), mode="r", pivoting=True)
     rank = np.count_nonzero(np.abs(np.diag(upper)) > _SPANNED * abs(upper[0, 0]))
     return [int(k) for k in order[:rank]]
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.meeting import Differing, Off
@@ -15,6 +14,7 @@ from dolfinx_frontend.assembly.part_loads import fitting
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Rigid

@@ -6,11 +6,11 @@ import re
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 

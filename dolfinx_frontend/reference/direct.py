@@ -12,12 +12,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.gathered import by_first, gathered
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.plan.reduction import Body, body_load, body_matrix, displacements, reduce, spring_jump
 from dolfinx_frontend.reference.cholesky import Cholesky, solvers
 from dolfinx_frontend.scene.laws import Law

@@ -29,11 +29,9 @@ from time import perf_counter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from latin_core import stochastic as core
 from latin_core.stochastic import ChaosBasis
 from petsc4py import PETSc as _PETSc
-from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.assembly.gathered import by_first, gathered
 from dolfinx_frontend.assembly.interface import Interface
@@ -46,6 +44,7 @@ from dolfinx_frontend.common.checks import (
     checked_number,
     checked_whole,
 )
+from dolfinx_frontend.common.deferred import sp, spla
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_jump, spring_operator
@@ -769,9 +768,9 @@ def _smallest(system: _System, solve: Callable[[Array], Array], rtol: float) -> 
         def multiply(v: Array) -> Array:
             return function(v.reshape(system.load.shape)).ravel()
 
-        return sparse_linalg.LinearOperator((size, size), matvec=multiply, dtype=np.float64)
+        return spla.LinearOperator((size, size), matvec=multiply, dtype=np.float64)
 
-    values = sparse_linalg.eigsh(
+    values = spla.eigsh(
         operator(system.apply),
         k=1,
         M=operator(system.apply_mean),

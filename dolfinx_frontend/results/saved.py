@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import PointFrames, Vertices
 from dolfinx_frontend.common.arrays import Array, Ints
@@ -22,6 +21,7 @@ from dolfinx_frontend.common.checks import (
     checked_path,
     checked_whole,
 )
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.frozen import ReadOnlyDict, locked, locked_matrix, read_only

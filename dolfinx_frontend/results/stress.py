@@ -8,11 +8,11 @@ from typing import Any
 import basix
 import basix.ufl
 import numpy as np
-import scipy.sparse as sp
 import ufl
 from dolfinx import fem
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 
 __all__ = ["Shared", "broken_space", "principal", "stress_function", "stress_of", "von_mises"]

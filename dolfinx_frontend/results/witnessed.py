@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from scipy import stats
 
 from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
 
 __all__ = ["WitnessedQuantity"]

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.ranks import agreement, one_call
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_path
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.files import FileError, replaced
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree

@@ -23,7 +23,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.sparse as sp
 from latin_core import State
 
 from dolfinx_frontend.assembly.held import held
@@ -33,6 +32,7 @@ from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import free_motions
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.reduction import factorised_stiffness

@@ -15,10 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 from latin_core import Iteration, Options, State, SweptParameter
-from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, together
@@ -28,6 +25,7 @@ from dolfinx_frontend.common.checks import (
     checked_number,
     checked_numbers,
 )
+from dolfinx_frontend.common.deferred import sp, spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.fingerprint import fingerprint
@@ -81,13 +79,13 @@ def short_steps(germs: Array) -> list[int]:
         return list(range(count))
     first = int(np.argmin(np.sum(germs**2, axis=1)))
     neighbours = min(8, count - 1)
-    distances, columns = cKDTree(germs).query(germs, k=neighbours + 1)
+    distances, columns = spatial.cKDTree(germs).query(germs, k=neighbours + 1)
     rows = np.repeat(np.arange(count), neighbours)
     # a zero distance would be no edge
     edges = np.maximum(distances[:, 1:].ravel(), 1e-300)
     matrix = sp.csr_matrix((edges, (rows, columns[:, 1:].ravel())), shape=(count, count))
-    tree = minimum_spanning_tree(matrix)
-    walk = depth_first_order(tree, first, directed=False, return_predecessors=False)
+    tree = sp.csgraph.minimum_spanning_tree(matrix)
+    walk = sp.csgraph.depth_first_order(tree, first, directed=False, return_predecessors=False)
     seen = np.zeros(count, dtype=bool)
     seen[walk] = True
     return [int(i) for i in walk] + [int(i) for i in np.flatnonzero(~seen)]

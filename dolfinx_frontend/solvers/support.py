@@ -35,7 +35,6 @@ from typing import TypeVar
 
 import numpy as np
 from latin_core import SweepPoints, SweptParameter
-from scipy.optimize import lsq_linear
 
 from dolfinx_frontend.assembly.held import axis_resistances, check_held, held
 from dolfinx_frontend.assembly.interface import Interface
@@ -43,6 +42,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.deferred import optimize
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
 from dolfinx_frontend.plan.reduction import check_prescribed, moments_of, spanning
 from dolfinx_frontend.results.contact import contact_states
@@ -254,7 +254,8 @@ def _grips(problem: Problem, jumps: Mapping[str, Array]) -> dict[str, _Grip]:
 def _shares(forces: Array, target: Array) -> Array:
     """Shares >= 0 of columns whose sum is nearest to a target."""
     # not scipy.optimize.nnls: that of version 1.15 misses the minimum in one case of a hundred
-    fitted = lsq_linear(forces, target, (0.0, np.inf), "bvls", tol=1e-14, max_iter=20 * forces.shape[1])
+    most = 20 * forces.shape[1]
+    fitted = optimize.lsq_linear(forces, target, (0.0, np.inf), "bvls", tol=1e-14, max_iter=most)
     return np.asarray(fitted.x)
 
 

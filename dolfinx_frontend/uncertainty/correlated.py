@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 from latin_core.stochastic import Germ
-from scipy import linalg, optimize
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_kind, check_known, checked_numbers
+from dolfinx_frontend.common.deferred import linalg, optimize
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 

@@ -13,8 +13,6 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, optimize, special
-from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -25,6 +23,7 @@ from dolfinx_frontend.common.checks import (
     is_list,
     told_call,
 )
+from dolfinx_frontend.common.deferred import linalg, optimize, special, spla
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.uncertainty.checks import deviation, named
@@ -187,12 +186,12 @@ def _lanczos(
             return np.concatenate([block @ v for block in stored])
         return np.concatenate([rows(s, min(s + step, m)) @ v for s in starts])
 
-    operator = sparse_linalg.LinearOperator((m, m), matvec=multiply, dtype=np.float64)
+    operator = spla.LinearOperator((m, m), matvec=multiply, dtype=np.float64)
     count = modes if modes is not None else 20
     start = np.random.default_rng(0).standard_normal(m)
     while True:
         count = min(count, m - 1)
-        values, vectors = sparse_linalg.eigsh(operator, k=count, which="LA", v0=start)
+        values, vectors = spla.eigsh(operator, k=count, which="LA", v0=start)
         order = np.argsort(values)[::-1]
         values, vectors = values[order], vectors[:, order]
         enough = captured is None or values.sum() >= captured * total

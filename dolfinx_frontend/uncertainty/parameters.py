@@ -32,10 +32,10 @@ from typing import Any, Literal, Never, cast
 import numpy as np
 import numpy.typing as npt
 from latin_core.stochastic import Germ
-from scipy import special, stats
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_name, checked_number, checked_numbers
+from dolfinx_frontend.common.deferred import special, stats
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.uncertainty.checks import checked_bounds, deviation, named, refuse_positional
 from dolfinx_frontend.uncertainty.distributions import (

@@ -17,7 +17,6 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -32,6 +31,7 @@ from dolfinx_frontend.common.checks import (
     checked_whole,
     is_real,
 )
+from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points

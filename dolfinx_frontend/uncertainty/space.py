@@ -13,12 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import stochastic as core
 from latin_core.stochastic import ChaosBasis, Germ, MultiIndexSet, Rule
-from scipy import linalg, special
-from scipy.sparse import csc_matrix
-from scipy.stats import qmc
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole, is_list
+from dolfinx_frontend.common.deferred import linalg, sp, special, stats
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict
@@ -49,9 +47,9 @@ class Expansion(NamedTuple):
 def latin_points(dimension: int, count: int, generator: np.random.Generator) -> Array:
     """Points (count, dimension) in the unit cube, one in each of `count` layers in every direction."""
     try:
-        engine = qmc.LatinHypercube(dimension, rng=generator)
+        engine = stats.qmc.LatinHypercube(dimension, rng=generator)
     except TypeError:  # the name of the argument before scipy 1.15
-        engine = qmc.LatinHypercube(dimension, seed=generator)
+        engine = stats.qmc.LatinHypercube(dimension, seed=generator)
     return np.asarray(engine.random(count))
 
 
@@ -64,9 +62,9 @@ def sobol_points(dimension: int, count: int, generator: np.random.Generator) -> 
         Ctrl-C while scipy loaded its tables: it swallows that, and all points would be the same.
     """
     try:
-        engine = qmc.Sobol(dimension, scramble=True, rng=generator)
+        engine = stats.qmc.Sobol(dimension, scramble=True, rng=generator)
     except TypeError:  # the name of the argument before scipy 1.15
-        engine = qmc.Sobol(dimension, scramble=True, seed=generator)
+        engine = stats.qmc.Sobol(dimension, scramble=True, seed=generator)
     points: Array = engine.random_base2(count.bit_length() - 1)
     if count > 1 and np.all(points == points[0]):
         raise KeyboardInterrupt
@@ -425,7 +423,7 @@ class RandomSpace:
 
     def galerkin_matrix(self, source: Source, basis: ChaosBasis, row: int = 0) -> Any:
         """E[a Psi_j Psi_k] of a parameter, or of a field at its point `row`: (P + 1, P + 1)."""
-        return csc_matrix(next(islice(self.galerkin_matrices(source, basis), row, None)))
+        return sp.csc_matrix(next(islice(self.galerkin_matrices(source, basis), row, None)))
 
     @staticmethod
     def multiplies(source: Source) -> bool:
