@@ -5,8 +5,11 @@ Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -
 here. ``dolfinx_frontend.__version__`` is the installed version.
 """
 
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
 from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
-from dolfinx_frontend import figures, geometry, io, reference
+from dolfinx_frontend import geometry, io, reference
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
@@ -54,7 +57,6 @@ from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.sweep import SweepResult
-from dolfinx_frontend.sheets.report import Report, report
 from dolfinx_frontend.solving import (
     errors,
     export,
@@ -86,6 +88,24 @@ from latin_core import Options
 from latin_core import __version__ as __version__
 
 _keep_broken_pipes()
+
+_DEFERRED = {"figures": "figures", "sheets": "sheets", "Report": "sheets.report", "report": "sheets.report"}
+"""Name -> module that is loaded when it is asked for: who solves draws nothing."""
+
+if _TYPE_CHECKING:
+    from dolfinx_frontend import figures
+    from dolfinx_frontend.sheets.report import Report, report
+else:
+
+    def __getattr__(name: str) -> object:
+        if name not in _DEFERRED:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module = _import_module(f"{__name__}.{_DEFERRED[name]}")
+        return getattr(module, name, module)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *_DEFERRED})
+
 
 __all__ = [
     "Amplitude",

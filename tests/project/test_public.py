@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import subprocess
+import sys
 import tomllib
 import warnings
 from collections.abc import Iterator
@@ -77,6 +79,11 @@ MANY = np.linspace(0.0, 1.0, 500)
 LONGEST = 1200
 """Characters that anything may take."""
 LINES = 30
+HEAVY = (
+    *("scipy", "pandas", "matplotlib", "openturns", "h5py", "pyvista", "vtkmodules", "meshio", "sksparse"),
+    *("PIL", "IPython", "urllib.request", "dolfinx_frontend.figures", "dolfinx_frontend.sheets"),
+)
+"""What a plain import does not load."""
 
 
 def scene_of(law: Any) -> Scene:
@@ -283,6 +290,23 @@ def test_completion_finds_every_module_and_name() -> None:
     for module in modules():
         package, _, name = module.rpartition(".")
         assert not package or name in dir(importlib.import_module(package)), module
+
+
+def test_what_is_heavy_is_loaded_when_it_is_used() -> None:
+    """Importing takes little time: what others load is not there yet, nor what draws and reports."""
+    text = (
+        "import sys, dolfinx, dolfinx.fem.petsc, gmsh\n"
+        "before = set(sys.modules)\n"
+        "import dolfinx_frontend as lf\n"
+        "new = [f'{each}.' for each in set(sys.modules) - before]\n"
+        f"print([each for each in {HEAVY} if any(one.startswith(f'{{each}}.') for one in new)])\n"
+        "print(lf.report.__module__, lf.Report.__name__, lf.figures.__name__, lf.sheets.__name__)"
+    )
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    own = [f"dolfinx_frontend.{each}" for each in ("sheets.report", "figures", "sheets")]
+    assert done.stdout.split("\n")[:2] == ["[]", f"{own[0]} Report {own[1]} {own[2]}"]
+    with pytest.raises(AttributeError, match="has no attribute 'reprot'"):
+        getattr(dolfinx_frontend, "reprot")
 
 
 def test_types_are_shipped() -> None:
