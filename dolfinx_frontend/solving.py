@@ -30,6 +30,7 @@ from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarnin
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
 from dolfinx_frontend.estimate.meshes import solve_scene
+from dolfinx_frontend.inference.function import ProblemFunction, check_handed_on, problem_function
 from dolfinx_frontend.kernel.running import check_running
 from dolfinx_frontend.kernel.spread import check_given_alike
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
@@ -537,3 +538,41 @@ def sparse_quadrature(
     rule = _space("sparse_quadrature", problem).sparse_gauss(level)
     check_given_alike(problem, "sparse_quadrature", settings.get("points_comm"), level=level)
     return sample(problem, rule.points, rule.weights, "quadrature", **settings)
+
+
+def _function(
+    problem: Problem, quantities: Any, inputs: Sequence[str] | str | None = None, **settings: Any
+) -> ProblemFunction:
+    """The assembly as a function of its uncertain numbers, see :class:`ProblemFunction`.
+
+    Parameters
+    ----------
+    quantities
+        What it returns: the name of an interface (its normal force), a :class:`Resultant`, a function of
+        the fields, a :class:`Response`, or several of them in a list or by name.
+    inputs
+        Names of what it depends on: random numbers of the scene, by their own values; parameters of laws,
+        loads and parts, as for :func:`sweep`; germs, of random fields. What is random and not named
+        stays at its mean. None: all that is random.
+    settings
+        method, active, direction, options, plan, times: as for :func:`solve`.
+        coordinates: ``"physical"``, or ``"germs"`` or ``"normal"`` to give all that is random by its
+        germs, or by independent standard normal scores.
+        on_failure: of points that do not converge, ``"nan"`` (NaN and a warning that names them) or
+        ``"raise"``.
+        checkpoint: a file of the points that were solved; a script that asks for the same ones in the
+        same order again is answered from it, with the same digits, and goes on.
+        points_comm: as for :func:`sweep`, ranks that solve the points together: all make the same calls.
+
+    Raises
+    ------
+    SceneError
+        Nothing is random and no input is named, or an unknown name.
+    """
+    own = ("coordinates", "on_failure", "more")
+    check_handed_on("function", {n: v for n, v in settings.items() if n not in own})
+    return problem_function(problem, quantities, inputs, **settings)
+
+
+Problem.export = export
+Problem.function = _function

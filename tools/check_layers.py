@@ -252,9 +252,8 @@ FRONTEND: dict[str, tuple[str, ...]] = {
 }
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
 
-LAZY = {("assembly.problem", "solvers.export"), ("assembly.problem", "inference.function")}
-"""Imports that point upward on purpose, inside a function only: methods of what is below that call what is
-above (:meth:`Problem.export`, :meth:`Problem.function`)."""
+LAZY: frozenset[tuple[str, str]] = frozenset()
+"""Imports that point upward on purpose, inside a function only."""
 
 PENDING: frozenset[tuple[str, str]] = frozenset()
 """Arrows up that are still there: methods of results that belong to higher layers, and types of results."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -69,48 +69,12 @@ class Problem(OneProcess):
     spread: dict[str, Condensed] = field(default_factory=dict, repr=False)
     loosened: bool = field(default=False, repr=False)
     centres: tuple[Array, ...] = field(default=(), repr=False)
+    # functions of what stands above, which solving.py makes methods
+    export: ClassVar[Callable[..., Path]]
+    function: ClassVar[Callable[..., Any]]
 
     def __post_init__(self) -> None:
         locked(self)
-
-    def export(self, folder: str | Path, *args: Any, **settings: Any) -> Path:
-        """Write what the kernel is given, for ``latin_run``, see :func:`dolfinx_frontend.export`."""
-        from dolfinx_frontend.solvers.export import export
-
-        return export(self, folder, *args, **settings)
-
-    def function(self, quantities: Any, inputs: Sequence[str] | str | None = None, **settings: Any) -> Any:
-        """The assembly as a function of its uncertain numbers, see :class:`ProblemFunction`.
-
-        Parameters
-        ----------
-        quantities
-            What it returns: the name of an interface (its normal force), a :class:`Resultant`, a function of
-            the fields, a :class:`Response`, or several of them in a list or by name.
-        inputs
-            Names of what it depends on: random numbers of the scene, by their own values; parameters of laws,
-            loads and parts, as for :func:`sweep`; germs, of random fields. What is random and not named
-            stays at its mean. None: all that is random.
-        settings
-            method, active, direction, options, plan, times: as for :func:`solve`.
-            coordinates: ``"physical"``, or ``"germs"`` or ``"normal"`` to give all that is random by its
-            germs, or by independent standard normal scores.
-            on_failure: of points that do not converge, ``"nan"`` (NaN and a warning that names them) or
-            ``"raise"``.
-            checkpoint: a file of the points that were solved; a script that asks for the same ones in the
-            same order again is answered from it, with the same digits, and goes on.
-            points_comm: as for :func:`sweep`, ranks that solve the points together: all make the same calls.
-
-        Raises
-        ------
-        SceneError
-            Nothing is random and no input is named, or an unknown name.
-        """
-        from dolfinx_frontend.inference.function import check_handed_on, problem_function
-
-        own = ("coordinates", "on_failure", "more")
-        check_handed_on("function", {n: v for n, v in settings.items() if n not in own})
-        return problem_function(self, quantities, inputs, **settings)
 
     @property
     def _instead(self) -> str:

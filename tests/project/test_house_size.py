@@ -81,7 +81,7 @@ def write(root: Path, name: str, text: str) -> None:
 
 
 def test_imports_are_followed(tmp_path: Path) -> None:
-    """An arrow of ``LAZY`` points upward and makes a circle, and does not lengthen the chain."""
+    """An arrow that points upward makes a circle, and does not lengthen the chain."""
     write(tmp_path, "dolfinx_frontend/scene/specs.py", "")
     write(tmp_path, "dolfinx_frontend/assembly/problem.py",
           "from ..scene import specs\ndef f():\n    from ..solvers import export\n")
