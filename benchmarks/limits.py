@@ -32,8 +32,8 @@ answer; *iterated* means that the interface is kept.
 A value that is refused raises a `SceneError` (or `IndefiniteError`, a subclass of it) that names the
 interface, the value and a remedy. If an iteration does not reach its tolerance, `result.status` says so.
 Prescribed displacements that contradict each other are refused where supports meet at nodes, or along a
-joint whose meshes do not match: not along a curved edge of such a joint (its chords differ), over a joint
-with an imposed jump, between parts on different ranks, or of a rigid face over a kept joint.
+joint, given motions of rigid and plane faces included, on any number of ranks: not along a curved edge where
+meshes differ (their chords do), or over such a joint with an imposed jump.
 
 ## What "converged" promises
 

@@ -27,14 +27,8 @@ from dolfinx_frontend.kernel.motions import motions_of, on_side
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan, check_reach
-from dolfinx_frontend.plan.reduction import (
-    Body,
-    check_prescribed,
-    count_bodies,
-    factorised_stiffness,
-    moments_of,
-    reduce,
-)
+from dolfinx_frontend.plan.prescribed import check_prescribed, moments_of
+from dolfinx_frontend.plan.reduction import Body, count_bodies, factorised_stiffness, reduce
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -345,14 +339,24 @@ class Built(NamedTuple):
 
 
 def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Description:
-    """Bodies and active interfaces of a plan on this rank.
+    """Bodies and active interfaces of a plan on this rank; collective.
 
     Parameters
     ----------
     corrected
         The answer is to be corrected: stiffnesses that the factors cannot bear are replaced.
+
+    Raises
+    ------
+    SceneError
+        What is prescribed contradicts itself.
     """
-    own = problem.own
+    check_prescribed(problem, plan.eliminated, moments_of(problem, plan.times))
+    with agreement(problem.comm):
+        return _described(problem, problem.own, plan, corrected)
+
+
+def _described(problem: Problem, own: Problem, plan: Plan, corrected: bool) -> Description:
     reduced = _reduced(own, plan)
     bodies = [
         _body(
@@ -397,11 +401,10 @@ def build(
     latin_core.NumericalError
         A body's operator is not positive definite.
     """
-    own, comm = problem.own, None if problem.distribution is None else problem.distribution.comm
+    own, comm = problem.own, problem.comm
     corrected = plan.method == "direct" and described is None
     bodies, interfaces = [], []
-    options = plan.options
-    backend = options.backend
+    options, backend = plan.options, plan.options.backend
     if described is not None:
         backend = "automatic"
     elif backend == "multigrid":
@@ -409,16 +412,14 @@ def build(
             "backend 'multigrid' is for linear laws, and this needs a factor of the parts: use "
             "backend='cholmod'"
         )
+    described = described or describe(problem, plan, corrected)
     with agreement(comm):
-        described = described or describe(problem, plan, corrected)
         bodies = [_made_body(each) for each in described.bodies]
         for each in described.interfaces:
             name = each["name"]
             interfaces.append(_made_interface(each, _law(own.interfaces[name], described.fields[name])))
-    assert described is not None
-    reduced = described.reduced
     grown = max(1.0, float(np.abs(plan.factors()).max(initial=0.0)))
-    every = [body for patterns in reduced for body in patterns.values()]
+    every = [body for patterns in described.reduced for body in patterns.values()]
     loading = _loading(own, every, described.fields, grown)
     _check_range(loading if comm is None else max(exchanged(comm, loading)))
     began = perf_counter()
@@ -440,7 +441,7 @@ def build(
         len(interfaces),
         perf_counter() - began,
     )
-    together = [list(patterns.values()) for patterns in reduced]
+    together = [list(patterns.values()) for patterns in described.reduced]
     acting = {
         name: Acting(
             _side_by_side(each.load[name] for each in patterns),
@@ -549,7 +550,6 @@ def _reduced(problem: Problem, plan: Plan) -> list[dict[Pattern, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
     chosen = {name for name in plan.eliminated if name in problem.interfaces}
     moments = moments_of(problem, plan.times)
-    check_prescribed(problem, chosen, moments)
     found: list[dict[Pattern, Body]] = []
     for amplitude in plan.patterns:
         laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}

@@ -231,8 +231,8 @@ def fitted(
         The cycles do not converge.
     """
     _check(problem, plan)
+    description = bridge.describe(problem, plan)
     with agreement(problem.comm):
-        description = bridge.describe(problem, plan)
         if loads is not None:
             description = _with_pattern(description, loads)
     with meeting_often(problem.comm):
@@ -312,8 +312,9 @@ def solver_of(
     if plan.options.backend != "multigrid":
         return Solver(problem, plan, before)
     _check(problem, plan)
+    description = bridge.describe(problem, plan)
     with agreement(problem.comm):
-        floors, description = _floors(problem, parameters), bridge.describe(problem, plan)
+        floors = _floors(problem, parameters)
     return Solver(problem, plan, space=_begun(problem, plan, description, floors))
 
 

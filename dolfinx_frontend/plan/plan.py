@@ -16,7 +16,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
-from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
+from dolfinx_frontend.assembly.ranks import exchanged, together
 from dolfinx_frontend.assembly.held import check_determined, check_held
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -40,15 +40,10 @@ from dolfinx_frontend.plan.cost import (
     shown,
 )
 from dolfinx_frontend.plan.newton import Newton, fitting, newton_of
+from dolfinx_frontend.plan.prescribed import check_prescribed, moments_of, spanning
 from dolfinx_frontend.plan.price import Price, Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.plan.reduction import (
-    check_prescribed,
-    members_of_bodies,
-    moments_of,
-    spanning,
-    wholly_held,
-)
+from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.scene.laws import Elimination, Law
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -461,8 +456,7 @@ def _check_random(random: RandomLaws, eliminated: Container[str], times: Array |
             now[name] = now.get(name, laws[name]).with_(**changed)
         one = problem.with_laws(now)
         try:
-            with agreement(problem.comm):
-                check_prescribed(one.own, eliminated, moments_of(one, times))
+            check_prescribed(one, eliminated, moments_of(one, times))
         except SceneError as failure:
             raise SceneError(f"{failure}; random ones agree where they are the same random number") from None
 

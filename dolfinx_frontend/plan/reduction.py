@@ -15,14 +15,14 @@ from typing import cast
 import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface, frames
-from dolfinx_frontend.assembly.meeting import Differing, Off, refuse, supports_that_meet
+from dolfinx_frontend.assembly.meeting import Differing, Off, refuse
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
-from dolfinx_frontend.common.deferred import linalg, sp
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
-from dolfinx_frontend.plan.ties import differing_ties, given_at, ties_of
+from dolfinx_frontend.plan.ties import differing_ties, ties_of
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law, Rigid
 from dolfinx_frontend.scene.loads import LoadTerm
@@ -31,22 +31,17 @@ __all__ = [
     "Body",
     "body_load",
     "body_matrix",
-    "check_prescribed",
     "count_bodies",
+    "differ",
+    "disagree",
     "displacements",
     "factorised_stiffness",
     "members_of_bodies",
-    "moments_of",
     "reduce",
-    "spanning",
     "spring_jump",
     "spring_operator",
     "wholly_held",
 ]
-
-
-_SPANNED = 1e-10
-"""Points whose values are combinations of those of others, to this relative to the largest, are spanned."""
 
 
 @dataclass(frozen=True)
@@ -285,35 +280,18 @@ def _held_classes(
         value = target @ np.linalg.pinv(D, rcond=1e-6).T
         if len(used) > 1:
             quoted = " and ".join(sorted({repr(held[k][0].name) for k in used}))
-            off[str(used)] = Off(value @ D.T - target, largest, partial(_differ, quoted, "nodes"))
+            off[str(used)] = Off(value @ D.T - target, largest, partial(differ, quoted, "nodes"))
         kind[classes[chosen]] = len(basis_of)
         fixed[classes[chosen]] = value
         basis_of.append(_free_basis(D))
     return _Classes(basis_of, kind, fixed)
 
 
-def _differ(quoted: str, what: str, wrong: Array) -> str:
+def differ(quoted: str, what: str, wrong: Array) -> str:
     return (
         f"interfaces {quoted} prescribe different displacements at {np.count_nonzero(wrong.any(axis=1))} "
         f"common {what} (up to {wrong.max():.4g} off their compromise); make them agree or shrink a face"
     )
-
-
-def _at_points(
-    problem: Problem, x: Array, one: Interface, other: Interface, amplitude: Amplitude | None
-) -> Differing:
-    """What supports and given motions of two faces prescribe differently at points (m, d)."""
-    both = []
-    for i in (one, other):
-        if isinstance(i.law, Rigid):
-            both.append(given_at(problem, i, amplitude, x))
-        else:
-            directions, values = i.law.pattern(amplitude).constraint(i.name, i.sides[0], x)
-            both.append((directions, values, float(np.abs(values).max(initial=0.0))))
-    rows, target = np.concatenate([r for r, _, _ in both]), np.concatenate([v for _, v, _ in both], axis=1)
-    off = target @ np.linalg.pinv(rows, rcond=1e-6).T @ rows.T - target
-    said = partial(_differ, f"{one.name!r} and {other.name!r}", "points")
-    return {"points": Off(off, max(moved for _, _, moved in both), said)}
 
 
 def _prolongation(classes: _Classes, own: Ints, columns: Ints) -> sp.csr_matrix:
@@ -352,58 +330,7 @@ def _joined(
     return label, shift, _held_classes(problem, held, start, shift, label, off)
 
 
-def moments_of(problem: Problem, times: Array | None) -> set[float]:
-    """Times at which what is prescribed has to agree: those of the steps, and breakpoints of amplitudes."""
-    return {*([0.0] if times is None else times)}.union(*(a.times for a in problem.amplitudes))
-
-
-def check_prescribed(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> None:
-    """Refuse displacements and jumps that contradict each other at common nodes, where interfaces are kept,
-    supports that contradict motions of rigid faces, and what supports and given motions of two parts
-    prescribe where they meet at a glued joint.
-
-    A kept interface prescribes what an eliminated one does: no field has both values, and forces that enforce
-    them grow without limit as an iteration goes on. Different amplitudes may agree at all moments.
-
-    Raises
-    ------
-    SceneError
-        Names the interfaces and the difference, as :func:`reduce` does.
-    """
-    prescribing = {
-        name: i
-        for name, i in problem.interfaces.items()
-        if problem.substructures.keys() >= {*(side.substructure for side in i.sides), *i.law.partners}
-        and (i.law.elimination is Elimination.GLUED) == (i.matching is not None)
-        and i.law.prescribes == "jump"
-    }
-    amplitudes = (None, *problem.amplitudes)
-    for one, other, x in supports_that_meet(problem.interfaces, problem.substructures):
-        refuse({a: _at_points(problem, x, one, other, a) for a in amplitudes}, moments)
-    if all(name in eliminated for name in prescribing):
-        return  # `reduce` sees them all
-    ties = {n for n, i in prescribing.items() if i.law.elimination is Elimination.TIED}
-    kept = {n for n, i in prescribing.items() if i.matching is not None and n not in eliminated}
-    for chosen in (prescribing.keys() - ties, prescribing.keys() - kept)[: 2 if ties else 1]:
-        for members in members_of_bodies(problem, chosen):
-            inside = [i for n, i in prescribing.items() if n in chosen and i.sides[0].substructure in members]
-            off: dict[Amplitude | None, Differing] = {a: {} for a in amplitudes}
-            for amplitude, found in off.items():
-                laws = {i.name: i.law.pattern(amplitude) for i in inside}
-                _disagree(problem, members, inside, laws, found)
-            refuse(off, moments)
-
-
-def spanning(values: Array) -> list[int]:
-    """Points of which the values (k, N) of all N are affine combinations: what is prescribed differently is
-    affine in them, and where these points have none of it no point has."""
-    size = max(float(np.abs(values).max()), 1e-300)
-    upper, order = linalg.qr(np.vstack([np.full(values.shape[1], size), values]), mode="r", pivoting=True)
-    rank = np.count_nonzero(np.abs(np.diag(upper)) > _SPANNED * abs(upper[0, 0]))
-    return [int(k) for k in order[:rank]]
-
-
-def _disagree(
+def disagree(
     problem: Problem,
     members: list[str],
     inside: list[Interface],

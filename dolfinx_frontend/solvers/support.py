@@ -44,7 +44,7 @@ from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motion
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.deferred import optimize
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
-from dolfinx_frontend.plan.reduction import check_prescribed, moments_of, spanning
+from dolfinx_frontend.plan.prescribed import check_prescribed, moments_of, spanning
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM, UNDETERMINED
 from dolfinx_frontend.results.result import Result
@@ -744,10 +744,9 @@ def _contradicting(
     rows, which = np.unique(np.concatenate(numbers).T, axis=0, return_inverse=True)
 
     def why(row: int) -> str:
-        now = at(int(np.argmax(which.ravel() == row))).with_laws(fields).own
+        now = at(int(np.argmax(which.ravel() == row))).with_laws(fields)
         try:
-            with agreement(now.comm):
-                check_prescribed(now, plan.eliminated, moments_of(now, plan.times))
+            check_prescribed(now, plan.eliminated, moments_of(now, plan.times))
         except SceneError as failure:
             return str(failure)
         return ""

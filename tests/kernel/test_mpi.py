@@ -120,6 +120,10 @@ def test_parts_that_meet_on_several_ranks_have_the_traces_of_one() -> None:
     holds(2, "as on one", "mpi_meet.py")
 
 
+def test_contradictions_between_ranks_are_refused_in_the_words_of_one() -> None:
+    holds(2, "as on one", "mpi_contradict.py")
+
+
 def test_coarse_problem_newton_and_matrix_directions_are_those_of_one_rank() -> None:
     holds(3, "all reached", "mpi_reach.py")
 
