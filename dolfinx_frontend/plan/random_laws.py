@@ -11,10 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from latin_core.stochastic import ChaosBasis
+from scipy.special import log_ndtr
 
+from dolfinx_frontend.assembly.held import check_held
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.kept import kept
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
@@ -25,7 +27,14 @@ from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-__all__ = ["RandomLaws", "SampledParameter", "Source", "is_random", "sampled_parameters"]
+__all__ = [
+    "RandomLaws",
+    "SampledParameter",
+    "Source",
+    "is_random",
+    "sampled_parameters",
+    "warn_of_free_parts",
+]
 
 Source = RandomParameter | DiscretisedField | Expression
 
@@ -358,6 +367,59 @@ def sampled_parameters(
             each = random.sampled(name, parameter, points)
             values[each.name] = np.repeat(each.pattern @ each.values, steps, axis=1)
     return {parameter: np.asfortranarray(block) for parameter, block in values.items()}
+
+
+_FAR = np.array([5.0, 6.0])
+"""Normal scores between which it is told how fast a tail falls."""
+
+
+def warn_of_free_parts(where: str, random: RandomLaws) -> None:
+    """Warn of stiffnesses that come so near 0, where they leave parts free, that these have no moments;
+    collective.
+
+    What moves over a stiffness is as large as its inverse. If the probability of a stiffness below x falls as
+    x^n, the inverse has a mean where n > 1, and a standard deviation where n > 2.
+
+    Warns
+    -----
+    SceneWarning
+        Names the parameters, the parts and their free motions.
+    """
+    problem = random.problem
+    near: dict[tuple[str, float], dict[tuple[str, str], float]] = {}
+    for key, source in random.sources.items():
+        law = problem.interfaces[key[0]].law
+        if key[1] in law.spans and not isinstance(source, DiscretisedField) and len(source.leaves) == 1:
+            for tail in (-1.0, 1.0):
+                power = _falls_as(source, tail)
+                if power <= 2.0 and _makes_laws(law, key[1], np.zeros(1)):
+                    near.setdefault((*source.leaves, tail), {})[key] = power
+    for powers in near.values():
+        now = problem.with_laws(values={f"{name}.{parameter}": 0.0 for name, parameter in powers})
+        if not now.loosened:
+            continue
+        try:
+            check_held(now)
+        except SceneError as failure:
+            which = " and ".join(f"{p} of interface {n!r} = {random.sources[n, p]!r}" for n, p in powers)
+            what = "mean" if max(powers.values()) <= 1.0 else "standard deviation"
+            warn(
+                f"{where}: {which} comes so near 0 that what loads move over it has no {what}, which no "
+                "chaos can tell: give it a lower bound above 0, or a law like LogNormal. At 0 there is an "
+                f"{failure}",
+                SceneWarning,
+            )
+
+
+def _falls_as(source: RandomParameter | Expression, tail: float) -> float:
+    """The power of x as which the probability of values below x falls towards 0, to two digits; infinite: no
+    values are near 0."""
+    ((name, leaf),) = source.leaves.items()
+    far, near = source.at({name: leaf.from_normal(tail * _FAR[::-1])})
+    if far == 0.0 or not 0.0 < far < near:
+        return 0.0 if far == 0.0 else np.inf
+    rate = -np.subtract(*log_ndtr(-_FAR[::-1])) / np.log(near / far)
+    return float(np.round(rate, 2))
 
 
 def _number_in_time(law: Law, parameter: str, value: Any) -> Any:

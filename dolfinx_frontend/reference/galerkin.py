@@ -46,7 +46,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.deferred import sp, spla
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.random_laws import RandomLaws, warn_of_free_parts
 from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_jump, spring_operator
 from dolfinx_frontend.reference.cholesky import Cholesky
 from dolfinx_frontend.scene.laws import Law
@@ -573,12 +573,13 @@ def ssfem(
         checked_callable("ssfem", "callback", callback, "give a function of iteration and residual", 2)
     given = {"chaos": chaos, "solver": solver, "rtol": rtol, "max_iterations": max_iterations}
     problem.check_alike("ssfem", laws=True, **given)
+    random = RandomLaws.of(problem)
+    warn_of_free_parts("ssfem", random)
 
     def solved(whole: Problem) -> _Solved:
         return _solved(whole, chaos, solver, rtol, max_iterations, callback)
 
     found = by_first(problem, gathered(problem), solved)
-    random = RandomLaws.of(problem)
     coefficients = {name: found.coefficients[name] for name in problem.substructures}
     return SSFEMSolution(
         problem, random, random.space.basis(chaos), **{**found._asdict(), "coefficients": coefficients}

@@ -32,6 +32,7 @@ from dolfinx_frontend.formats.hdf5 import Tree
 from dolfinx_frontend.formats.meshes import part_arrays
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
+from dolfinx_frontend.plan.random_laws import warn_of_free_parts
 from dolfinx_frontend.results.answer import SAMPLES
 from dolfinx_frontend.results.chaos import amplitudes_of
 from dolfinx_frontend.results.runs import NOT_KEPT
@@ -168,6 +169,7 @@ def _export(
     steps, modes, values, columns = None, 1, {}, {}
     if chaos is not None:
         wanted = galerkin.planned(problem, chaos, method, **settings, plan=plan, indefinite=indefinite)
+        warn_of_free_parts("export", wanted.random)
         ready = galerkin.prepared(problem, wanted, indefinite)
         plan, changes = ready.plan, ready.changes
         steps, modes, values, columns = changes.steps, changes.modes, changes.parameters, changes.columns

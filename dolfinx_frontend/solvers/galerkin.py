@@ -44,7 +44,7 @@ from dolfinx_frontend.plan.plan import (
     plan_of_random,
 )
 from dolfinx_frontend.plan.price import Way
-from dolfinx_frontend.plan.random_laws import RandomLaws, Source
+from dolfinx_frontend.plan.random_laws import RandomLaws, Source, warn_of_free_parts
 from dolfinx_frontend.results.accuracy import accuracy_of_run
 from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
 from dolfinx_frontend.results.errors import Estimator, not_measured
@@ -598,6 +598,9 @@ def solve_chaos(
         A Galerkin stiffness is close to that.
     TruncationWarning
         A law is nonlinear, and the chaos is further from deterministic solves than ``chaos.tolerance``.
+    SceneWarning
+        The truncation is not trusted, and stiffnesses come so near 0, where parts are free, that moments of
+        these do not exist.
     """
     wanted = planned(problem, chaos, method, times, active, direction, options, plan, indefinite)
     states = start_states(start)
@@ -648,7 +651,10 @@ def _run(
         continuation=_tightened,
         sampler=sample_chaos,
     )
-    return _checked(result)
+    result = _checked(result)
+    if not result.trusted:
+        warn_of_free_parts("chaos", random)
+    return result
 
 
 def _tightened(result: ChaosResult, rtol: float) -> ChaosResult:

@@ -15,6 +15,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.reference.galerkin import ssfem
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
@@ -394,6 +395,62 @@ def test_a_loose_spring_without_a_load_is_undetermined() -> None:
         assert found.statuses.tolist() == [status, "converged"]
         force = found.force("layer")[:, :, 0] @ problem.interfaces["layer"].weights
         assert force[1] == pytest.approx(1.0)
+
+
+OVER = {"lower": 0.0, "upper": 20.0}
+
+
+@pytest.mark.parametrize(
+    ("law", "missing"),
+    [
+        (lf.Uniform("k", **OVER), "mean"),
+        (2.0 * lf.Uniform("k", **OVER), "mean"),
+        (20.0 - lf.Uniform("k", **OVER), "mean"),
+        (lf.TruncatedNormal("k", 10.0, std=5.0, **OVER), "mean"),
+        (lf.Gamma("k", 10.0, cov=1.0), "mean"),  # an exponential law
+        (lf.Beta("k", 2.0, 2.0, **OVER), "standard deviation"),
+        (lf.Gamma("k", 10.0, cov=0.8), "standard deviation"),  # of the shape 1.56
+        (lf.Gamma("k", 10.0, cov=0.7), ""),  # 2.04
+        (lf.Beta("k", 2.1, 2.0, **OVER), ""),
+        (lf.Uniform("k", 1.0, 20.0), ""),
+        (lf.LogNormal("k", 10.0, cov=0.5), ""),
+    ],
+)
+def test_a_chaos_over_a_spring_that_comes_too_near_zero_names_what_is_free(law: Any, missing: str) -> None:
+    """The inverse of a stiffness whose probability falls as x^n has moments below the n-th."""
+    problem = square_pair(Elastic(normal=30.0, tangential=law), (1.0, 0.2))
+    chaos = lf.Chaos(order=2)
+    for call in (solve, ssfem):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            call(problem, chaos=chaos)
+        said = [str(each.message) for each in caught if each.category is SceneWarning]
+        if missing:
+            assert len(said) == 1
+            assert f"tangential of interface 'layer' = {law!r} comes so near 0" in said[0]
+            assert f"has no {missing}" in said[0]
+            assert "'b' can move freely: translation along y" in said[0]
+        else:
+            assert not said
+
+
+@pytest.mark.filterwarnings("error::dolfinx_frontend.SceneWarning")
+def test_a_chaos_over_a_spring_that_may_be_zero_is_quiet_where_it_is_right() -> None:
+    """No load drives the motion that is free at 0, hardly anything is near 0, or another spring holds."""
+    rare = lf.TruncatedNormal("k", 10.0, cov=0.2, lower=0.0)
+    for law, pull in ((lf.Uniform("k", **OVER), (1.0, 0.0)), (rare, (1.0, 0.2))):
+        assert solve(square_pair(Elastic(normal=30.0, tangential=law), pull), chaos=4).trusted
+    scene = Scene()
+    scene.substructure("a", geometry.box((1.0, 1.0), (2, 2)), LinearElastic(100.0, 0.3), degree=1)
+    scene.fix("a:x0", components=0)
+    for name in ("y0", "y1"):
+        scene.interface(name, f"a:{name}", Elastic(normal=lf.Uniform(name, **OVER), tangential=1.0))
+    scene.traction("a:x1", (0.0, 1.0))
+    assert solve(assemble(scene), chaos=2).converged
+    one = lf.Uniform("one", **OVER)  # both springs are 0 together
+    both = assemble(scene).with_laws({n: Elastic(normal=one, tangential=1.0) for n in ("y0", "y1")})
+    with pytest.raises(SceneWarning, match="normal of interface 'y0' = .* and normal of interface 'y1'"):
+        solve(both, chaos=2)
 
 
 @pytest.mark.parametrize("active", [None, "all"])
