@@ -393,7 +393,7 @@ def warn_of_free_parts(where: str, random: RandomLaws) -> None:
             for tail in (-1.0, 1.0):
                 power = _falls_as(source, tail)
                 if power <= 2.0 and _makes_laws(law, key[1], np.zeros(1)):
-                    near.setdefault((*source.leaves, tail), {})[key] = power
+                    near.setdefault((next(iter(source.leaves)), tail), {})[key] = power
     for powers in near.values():
         now = problem.with_laws(values={f"{name}.{parameter}": 0.0 for name, parameter in powers})
         if not now.loosened:
