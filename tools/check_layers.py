@@ -36,6 +36,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "vectors",
         "errors",
         "codes",
+        "memory",
         "files",
         "alike",
         "arithmetic",
@@ -48,7 +49,6 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "compat",
         "straight",
         "clipping",
-        "memory",
     ),
     "scene": (
         "amplitudes",

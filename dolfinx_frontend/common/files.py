@@ -8,12 +8,18 @@ import os
 import stat
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.memory import available_memory
+from latin_core.files import checked_file, shown
 
-__all__ = ["FileError", "is_file", "made_folder", "opened", "replaced", "write_text"]
+__all__ = ["OBJECTS", "FileError", "Files", "opened", "replaced", "shown", "writable", "write_text"]
+
+OBJECTS = 25.0
+"""Memory that is taken for a file whose numbers become objects, in multiples of its size: gmsh takes 24 for a
+mesh, Python 22 for the lists of a text."""
 
 
 class FileError(SceneError):
@@ -23,8 +29,32 @@ class FileError(SceneError):
 def _refused(target: Path, error: BaseException, kind: type[FileError]) -> FileError:
     why = f"{type(error).__name__}: {error}" if not str(error) else error
     return kind(
-        f"{target} cannot be written ({why}): choose a folder that exists, is writable and has room"
+        f"{shown(target)} cannot be written ({why}): choose a folder that exists, is writable and has room"
     )
+
+
+def writable(target: Path, kind: type[FileError] = FileError) -> tuple[Path, os.stat_result | None]:
+    """Where a file is to be written, behind all links, and what is there now.
+
+    Raises
+    ------
+    FileError
+        A folder, a pipe or a device, or write-protected; of the given kind.
+    """
+    try:
+        real = Path(os.path.realpath(target))
+        if real.is_symlink():  # what is left of a chain without an end
+            raise OSError("it is a link that leads back to itself")
+        before = os.stat(real) if os.path.lexists(real) else None
+        if before is not None and stat.S_ISDIR(before.st_mode):
+            raise IsADirectoryError("it is a folder")
+        if before is not None and not stat.S_ISREG(before.st_mode):  # writing to a pipe may wait for ever
+            raise OSError("it is a pipe, a socket or a device, not a file")
+        if before is not None and not os.access(real, os.W_OK):
+            raise PermissionError("it is write-protected")
+    except (OSError, UnicodeError) as error:
+        raise _refused(target, error, kind) from error
+    return real, before
 
 
 @contextmanager
@@ -40,18 +70,9 @@ def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
     FileError
         It cannot be written, or is a folder, a pipe or a device; of the given kind.
     """
+    real, before = writable(target, kind)
+    temporary = real.with_name(f".{uuid.uuid4().hex}{real.suffix}")
     try:
-        real = Path(os.path.realpath(target))
-        temporary = real.with_name(f".{uuid.uuid4().hex}{real.suffix}")
-        if real.is_symlink():  # what is left of a chain without an end
-            raise OSError("it is a link that leads back to itself")
-        before = os.stat(real) if os.path.lexists(real) else None
-        if before is not None and stat.S_ISDIR(before.st_mode):
-            raise IsADirectoryError("it is a folder")
-        if before is not None and not stat.S_ISREG(before.st_mode):  # writing to a pipe may wait for ever
-            raise OSError("it is a pipe, a socket or a device, not a file")
-        if before is not None and not os.access(real, os.W_OK):
-            raise PermissionError("it is write-protected")
         temporary.open("xb").close()
     except (OSError, UnicodeError) as error:
         raise _refused(target, error, kind) from error
@@ -83,41 +104,69 @@ def write_text(target: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def made_folder(folder: Path) -> Path:
-    """A folder, made with those above it if it is not there.
+class Files(ExitStack):
+    """Files that take the places of older ones together, the first last: a failure leaves all of those."""
+
+    def write(self, target: Path, text: str) -> None:
+        """Write a text in UTF-8 to a file beside its place."""
+        self.enter_context(replaced(target)).write_text(text, encoding="utf-8")
+
+    def folder(self, folder: Path) -> Path:
+        """A folder, made with those above it if it is not there; after a failure those are gone again.
+
+        Raises
+        ------
+        FileError
+            It cannot be made.
+        """
+        made = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
+
+        def undo(kind: type[BaseException] | None, *_: object) -> None:
+            if kind is not None:
+                with contextlib.suppress(OSError):  # somebody has put something into it
+                    for each in made:
+                        each.rmdir()
+
+        self.push(undo)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (OSError, UnicodeError) as error:
+            text = f"the folder {shown(folder)} cannot be made ({error}): choose one that is writable"
+            raise FileError(text) from error
+        return folder
+
+
+def opened(path: Path, memory: float, kind: type[SceneError] = FileError) -> io.BufferedReader:
+    """A file to be read: what every reader of this package begins with.
+
+    Parameters
+    ----------
+    memory
+        That reading it may take, in multiples of its size.
+    kind
+        Of the errors.
 
     Raises
     ------
-    FileError
-        It cannot be made.
+    SceneError
+        It cannot be read; is no file (a pipe or a device may have no end); is too large for the memory that is
+        free.
     """
+    name = shown(path)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, UnicodeError) as error:
-        text = f"the folder {folder} cannot be made ({error}): choose one that is writable"
-        raise FileError(text) from error
-    return folder
-
-
-def opened(path: Path) -> io.BufferedReader:
-    """A file to be read.
-
-    Raises
-    ------
-    OSError
-        It cannot be read, or is no file: a pipe or a device may have no end.
-    """
-    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    file = os.fdopen(number, "rb")
-    if not stat.S_ISREG(os.fstat(number).st_mode):
+        checked_file(path)  # before it is opened, which a device may take for a request
+        file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb")
+        size = checked_file(file.fileno()).st_size  # another one may have taken its place
+    except (FileNotFoundError, NotADirectoryError, ValueError) as error:
+        raise kind(f"{name} does not exist: check the name") from error
+    except OSError as error:
+        raise kind(f"{name} cannot be read ({error.strerror or error}): give the name of a file") from error
+    free = available_memory()
+    if memory * size > free:
         file.close()
-        raise OSError("it is a pipe, a socket or a device, not a file")
+        raise kind(
+            f"{name} has {size / 1e9:.3g} GB, more than the {free / memory / 1e9:.3g} GB that can be read here: "
+            f"it may take {memory:g} times as much memory, and {free / 1e9:.3g} GB are free; check that it is "
+            "the right file, and read it where more memory is free"
+        )
     return file
-
-
-def is_file(path: Path) -> bool:
-    """Whether there is a file of that name; a name that cannot be one has none."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False

@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_path
-from dolfinx_frontend.common.files import made_folder, replaced
+from dolfinx_frontend.common.files import Files, replaced
 
 
 LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
@@ -42,7 +42,6 @@ def save(figure: Any, path: str | Path, blended: bool = False) -> Path:
     from PIL import Image
 
     target = checked_path("figure", path)
-    made_folder(target.parent)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
     # a palette makes the file three times smaller; where colours run into each other it needs dither
@@ -54,7 +53,9 @@ def save(figure: Any, path: str | Path, blended: bool = False) -> Path:
         colours[colours.sum(axis=1).argmax()] = 255  # paper stays white
         covering.putpalette(colours.ravel().tolist())
         picture = full.quantize(palette=covering, dither=Image.Dither.FLOYDSTEINBERG)
-    with replaced(target) as temporary:
+    with Files() as files:
+        files.folder(target.parent)
+        temporary = files.enter_context(replaced(target))
         picture.save(temporary, format="png", optimize=True, dpi=(_DPI, _DPI))
     return target
 

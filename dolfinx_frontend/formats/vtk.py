@@ -11,7 +11,6 @@ import re
 import sys
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
@@ -21,7 +20,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import checked_path
-from dolfinx_frontend.common.files import made_folder, replaced
+from dolfinx_frontend.common.files import Files
 
 __all__ = ["CELLS", "Blocks", "Grid", "check_target", "vertices", "write_blocks"]
 
@@ -154,17 +153,9 @@ def _quoted(text: str) -> str:
     return quoteattr(text)
 
 
-class _Files(ExitStack):
-    """Files that take the places of older ones together, the first last: a failure leaves all of those."""
-
-    def write(self, target: Path, text: str) -> None:
-        """Write a file beside its place."""
-        self.enter_context(replaced(target)).write_text(text, encoding="utf-8")
-
-
-def _write_index(files: _Files, target: Path, blocks: Blocks, rank: int) -> None:
+def _write_index(files: Files, target: Path, blocks: Blocks, rank: int) -> None:
     """Grids in a folder beside their index, a ``.vtm`` file, which the first rank writes."""
-    folder = made_folder(target.with_suffix(""))
+    folder = files.folder(target.with_suffix(""))
     grids: list[tuple[Path, Callable[[], Grid]]] = []
     number = 0
 
@@ -196,7 +187,7 @@ def write_blocks(
     target: Path, times: Array | None, step: int, blocks: Callable[[int], Blocks], rank: int = 0
 ) -> Path:
     """What the ending of a checked target asks for: all times of a history, or one step."""
-    with _Files() as files:
+    with Files() as files:
         if target.suffix == ".pvd" and times is not None:
             _write_series(files, target, times, blocks, rank)
         else:
@@ -205,10 +196,10 @@ def write_blocks(
 
 
 def _write_series(
-    files: _Files, target: Path, times: Sequence[float] | Array, blocks: Callable[[int], Blocks], rank: int
+    files: Files, target: Path, times: Sequence[float] | Array, blocks: Callable[[int], Blocks], rank: int
 ) -> None:
     """One index a time step in a folder beside the collection, a ``.pvd`` file."""
-    folder = made_folder(target.with_suffix(""))
+    folder = files.folder(target.with_suffix(""))
     indices = [folder / f"step_{step:04d}.vtm" for step in range(len(times))]
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>"]
     for index, time in zip(indices, times, strict=True):

@@ -24,7 +24,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.files import made_folder, write_text
+from dolfinx_frontend.common.files import Files, writable
 from dolfinx_frontend.formats.chaos_file import software
 from dolfinx_frontend.results.answer import Answer, check_answer
 from dolfinx_frontend.results.saved import load
@@ -124,17 +124,18 @@ class Report:
         raise SceneError(f"report: no number {what}; of {name!r} there are {'; '.join(known)}")
 
     def save(self, path: str | Path) -> tuple[Path, Path]:
-        """Write ``path.html`` and ``path.csv``; a folder that is not there is made.
+        """Write ``path.html`` and ``path.csv``, both or none; a folder that is not there is made.
 
         Raises
         ------
         FileError
-            They cannot be written.
+            They cannot be written, or there is a folder, a pipe or a device of the name `path`.
         """
         page, numbers = _paths(path)
-        made_folder(page.parent)
-        write_text(page, self.html)
-        write_text(numbers, self.csv)
+        with Files() as files:
+            files.folder(page.parent)
+            files.write(page, self.html)
+            files.write(numbers, self.csv)
         return page, numbers
 
     def __str__(self) -> str:
@@ -154,7 +155,10 @@ def _paths(path: str | Path) -> tuple[Path, Path]:
     else:
         stem = target
     page = target if target.suffix.lower() == ".htm" else stem.with_name(stem.name + ".html")
-    return page, stem.with_name(stem.name + ".csv")
+    numbers = stem.with_name(stem.name + ".csv")
+    for each in (target, page, numbers):  # before hours of solving; a device is no name to derive others from
+        writable(each)
+    return page, numbers
 
 
 @together("report")

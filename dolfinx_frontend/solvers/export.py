@@ -26,7 +26,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.files import made_folder, replaced
+from dolfinx_frontend.common.files import Files, replaced
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import Tree
 from dolfinx_frontend.formats.meshes import part_arrays
@@ -396,24 +396,25 @@ def _face(problem: Problem, shown: Shown, plan: Plan, more: Tree) -> Tree:
 
 def _write(folder: Path, described: bridge.Description, tree: Tree) -> None:
     """All or nothing: an older problem stays until this one is complete."""
-    made_folder(folder / "matrices")
-    kept = set((folder / "matrices").glob("*.petsc"))
-    matrices = _Matrices(folder)
-    try:
-        bodies = [_body_tree(body, matrices) for body in described.bodies]
-        interfaces = [
-            _interface_tree(each, described.fields[each["name"]].kind, matrices)
-            for each in described.interfaces
-        ]
-        tree = tree | {
-            "bodies": _numbered(bodies),
-            "interfaces": _numbered(interfaces),
-            "matrices": {"files": matrices.files, "sha256": matrices.checksums},
-        }
-        with replaced(folder / "problem.h5") as temporary:
-            hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
-        kept = {folder / name for name in matrices.files}
-    finally:
-        for stale in set((folder / "matrices").glob("*.petsc")) - kept:
-            with contextlib.suppress(OSError):  # nobody reads it
-                stale.unlink()
+    with Files() as files:
+        files.folder(folder / "matrices")
+        kept = set((folder / "matrices").glob("*.petsc"))
+        matrices = _Matrices(folder)
+        try:
+            bodies = [_body_tree(body, matrices) for body in described.bodies]
+            interfaces = [
+                _interface_tree(each, described.fields[each["name"]].kind, matrices)
+                for each in described.interfaces
+            ]
+            tree = tree | {
+                "bodies": _numbered(bodies),
+                "interfaces": _numbered(interfaces),
+                "matrices": {"files": matrices.files, "sha256": matrices.checksums},
+            }
+            with replaced(folder / "problem.h5") as temporary:
+                hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
+            kept = {folder / name for name in matrices.files}
+        finally:
+            for stale in set((folder / "matrices").glob("*.petsc")) - kept:
+                with contextlib.suppress(OSError):  # nobody reads it
+                    stale.unlink()

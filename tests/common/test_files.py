@@ -30,10 +30,15 @@ from dolfinx_frontend import (
     geometry,
     io,
     load,
+    report,
     solve,
 )
 from dolfinx_frontend.assembly.elements import csr
-from dolfinx_frontend.common.files import FileError, replaced, write_text
+from dolfinx_frontend.common.files import FileError, Files, replaced, write_text
+from dolfinx_frontend.formats.chaos_file import Field, save_chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.parameters import Uniform
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +70,13 @@ WRITERS = {
     "parts.vtm": io.write_fields,
     "table.csv": lambda result, path: result.table().to_csv(path),
     "figure.png": lambda result, path: figures.interface_figure(result, "layer", path),
+    "sheet.html": lambda result, path: report(result, path, pictures=False, errors=False, units=("mm", "N")),
+    "sheet": lambda result, path: report(result, path, pictures=False, errors=False, units=("mm", "N")),
+    "chaos.json": lambda result, path: save_chaos(path, SPACE, SPACE.basis(Chaos(order=1)), FIELDS),
 }
+MAKE_FOLDERS = ("figure.png", "sheet.html", "sheet")
+SPACE = RandomSpace([Uniform("K", 1.0, 2.0)])
+FIELDS = {"w": Field(np.arange(40.0).reshape(20, 2), "mm")}
 
 
 @pytest.mark.parametrize("name", ["result.h5", "table.csv"])
@@ -83,13 +94,16 @@ def test_permissions_and_links_stay(name: str, result: Any, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_leaves_what_was_there(name: str, result: Any, tmp_path: Path) -> None:
-    path = tmp_path / name
+    path = tmp_path / "first" / name
+    path.parent.mkdir()
     WRITERS[name](result, path)  # what is compiled for it needs no room afterwards
     path.write_bytes(b"before")
-    with full_disk(100), pytest.raises(FileError, match="cannot be written.*folder that exists, is writable"):
-        WRITERS[name](result, path)
-    assert path.read_bytes() == b"before"
-    assert [each for each in tmp_path.rglob("*") if each.name.startswith(".")] == []
+    before = {each: each.read_bytes() for each in tmp_path.rglob("*") if each.is_file()}
+    for target in (path, tmp_path / "second" / name if name in MAKE_FOLDERS else tmp_path / name):
+        with full_disk(100), pytest.raises(FileError, match=f"{name}.* cannot be written.*has room"):
+            WRITERS[name](result, target)
+    assert {each: each.read_bytes() for each in tmp_path.rglob("*") if each.is_file()} == before
+    assert os.listdir(tmp_path) == ["first"]
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -121,7 +135,7 @@ def test_an_interrupted_write_changes_nothing(tmp_path: Path) -> None:
     assert path.read_text() == "before" and os.listdir(tmp_path) == ["kept"]
 
 
-@pytest.mark.parametrize("name", ["result.h5", "table.csv", "figure.png"])
+@pytest.mark.parametrize("name", WRITERS)
 def test_pipes_sockets_and_circles_are_refused(name: str, result: Any, tmp_path: Path) -> None:
     """Nothing waits for a reader, and nothing takes their place."""
     pipe, door, circle = (tmp_path / part / name for part in ("pipe", "socket", "circle"))
@@ -137,19 +151,47 @@ def test_pipes_sockets_and_circles_are_refused(name: str, result: Any, tmp_path:
         with pytest.raises(FileError, match=f"{name} cannot be written.*{why}"):
             WRITERS[name](result, each)
         assert os.lstat(each).st_ino == before.st_ino
-    for reader in (load, io.load_chaos):
+    for reader in (load, io.load_chaos) if name == "chaos.json" else (load,):
         for each in (pipe, door, circle):
-            with pytest.raises(FileError, match="does not exist or is no file|not"):
+            with pytest.raises(FileError, match="does not exist|cannot be read .it is a folder, a pipe|Too many levels"):
                 reader(each)
-    with pytest.raises(FileError, match="null cannot be written.*device"):
-        write_text(Path(os.devnull), "nowhere")
+    for device in ("null", "full"):
+        (tmp_path / name).symlink_to(f"/dev/{device}")
+        with pytest.raises(FileError, match=f"{name} cannot be written.*device"):
+            WRITERS[name](result, tmp_path / name)
+        (tmp_path / name).unlink()
+    assert [each for each in tmp_path.rglob("*") if each.is_file()] == []
+
+
+@pytest.mark.parametrize("device", ["/dev/null", "/dev/full"])
+def test_no_name_is_derived_from_a_device(device: str, result: Any) -> None:
+    with pytest.raises(FileError, match=f"{device} cannot be written.*device"):
+        WRITERS["sheet"](result, device)
+    with pytest.raises(FileError, match=f"{device} cannot be written.*device"):
+        write_text(Path(device), "nowhere")
+    with pytest.raises(FileError, match=f"{device}/matrices cannot be made"):
+        export(result.problem, device)
+    assert not Path(f"{device}.html").exists() and not Path(f"{device}.csv").exists()
+
+
+def test_several_files_or_none(result: Any, tmp_path: Path) -> None:
+    """The second of two cannot be written: the first is as it was."""
+    (tmp_path / "sheet.html").write_text("before")
+    (tmp_path / "sheet.csv").mkdir()
+    with pytest.raises(FileError, match=r"sheet.csv cannot be written.*folder"):
+        WRITERS["sheet"](result, tmp_path / "sheet")
+    with pytest.raises(KeyboardInterrupt), Files() as files:
+        files.write(files.folder(tmp_path / "a" / "b") / "c", "half")
+        raise KeyboardInterrupt
+    assert (tmp_path / "sheet.html").read_text() == "before"
+    assert sorted(os.listdir(tmp_path)) == ["sheet.csv", "sheet.html"]
 
 
 @pytest.mark.parametrize("name", ["no.h5", "x" * 300 + ".h5"])
 def test_names_that_cannot_be_read(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ResultFileError, match="does not exist or is no file"):
+    with pytest.raises(ResultFileError, match="does not exist|File name too long"):
         load(tmp_path / name)
-    with pytest.raises(io.ChaosFileError, match="does not exist or is no file"):
+    with pytest.raises(io.ChaosFileError, match="does not exist|File name too long"):
         io.load_chaos(tmp_path / name)
 
 
@@ -166,7 +208,7 @@ def test_a_file_that_cannot_be_opened(result: Any, tmp_path: Path, monkeypatch: 
     def refuse(*_: Any, **__: Any) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     with pytest.raises(ResultFileError, match="result.h5 cannot be read.*Permission denied"):
         load(path)
 
