@@ -49,6 +49,8 @@ W = TypeVar("W", bound=str)
 
 _NOT_IN_NAMES = ("Cc", "Cs", "Zl", "Zp")
 """Control characters, halves of surrogate pairs, separators of lines and paragraphs."""
+_TURNS = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
+"""Unicode's marks that turn the direction of what follows: a table would show other words than it has."""
 
 
 _LONGEST = 255
@@ -184,7 +186,10 @@ def checked_word(where: str, what: str, value: W, words: Sequence[W]) -> W:
 def checked_name(where: str, value: Any, colon: bool = True) -> str:
     """A name: a text that is not empty, without control characters; `colon`: it may have one."""
     if isinstance(value, str) and value.strip() and not any(
-        (each == ":" and not colon) or unicodedata.category(each) in _NOT_IN_NAMES for each in value
+        (each == ":" and not colon)
+        or unicodedata.category(each) in _NOT_IN_NAMES
+        or unicodedata.bidirectional(each) in _TURNS
+        for each in value
     ):
         return value
     wanted = "; a name is a string, not empty, without control characters"

@@ -8,6 +8,7 @@ germs and physical parameters.  :class:`ChaosFile` evaluates it with NumPy alone
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -31,7 +32,7 @@ from dolfinx_frontend.common.checks import (
     checked_reals,
 )
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.files import is_file, replaced
+from dolfinx_frontend.common.files import OBJECTS, opened, replaced, shown
 from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
@@ -446,8 +447,8 @@ def _write_json(path: Path, tree: Tree, checksum: str) -> None:
 
 
 def _read_json(path: Path) -> Tree:
-    with path.open(encoding="utf-8") as file:
-        content = json.load(file)
+    with opened(path, OBJECTS, ChaosFileError) as file:
+        content = json.load(io.TextIOWrapper(file, encoding="utf-8"))
     if not isinstance(content, dict):
         raise ValueError("no chaos file")
     tree: Tree = placed(content)
@@ -459,7 +460,7 @@ def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
 
 
 def _read_hdf5(path: Path) -> Tree:
-    return read_tree(path, FORMAT)
+    return read_tree(path, FORMAT, ChaosFileError)
 
 
 _WRITERS: dict[str, Callable[[Path, Tree, str], None]] = {
@@ -479,7 +480,7 @@ def _suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix not in _WRITERS:
         raise ChaosFileError(
-            f"{path}: the suffix tells the format: {', '.join(_WRITERS)}; not {path.suffix!r}"
+            f"{shown(path)}: the suffix tells the format: {', '.join(_WRITERS)}; not {path.suffix!r}"
         )
     return suffix
 
@@ -694,31 +695,32 @@ def load_chaos(path: str | Path) -> ChaosFile:
     """
     source = checked_path("load_chaos", path)
     suffix = _suffix(source)
-    if not is_file(source):
-        raise ChaosFileError(f"{source} does not exist or is no file: check the name")
+    name = shown(source)
     if suffix != ".json":
         h5py_module()
     try:
         node = _READERS[suffix](source)
         marked = node.get("format") == FORMAT
         version = int(node["version"]) if marked else 0
+    except ChaosFileError:
+        raise
     except DAMAGE as error:
         raise ChaosFileError(
-            f"{source} cannot be read ({error}): it is truncated, damaged or no chaos file; save "
+            f"{name} cannot be read ({error}): it is truncated, damaged or no chaos file; save "
             "it again"
         ) from error
     if not marked:
-        raise ChaosFileError(f"{source} is no chaos file: give a file written by save_chaos")
+        raise ChaosFileError(f"{name} is no chaos file: give a file written by save_chaos")
     if version != VERSION:
         raise ChaosFileError(
-            f"{source} is a chaos file of version {version}; this software reads version "
+            f"{name} is a chaos file of version {version}; this software reads version "
             f"{VERSION}: use the software that wrote it, or a newer one"
         )
     try:
         return _read(source, node)
     except LayoutError as error:
-        raise ChaosFileError(f"{source} is damaged or was edited: {error}; save it again") from error
+        raise ChaosFileError(f"{name} is damaged or was edited: {error}; save it again") from error
     except DAMAGE as error:
         raise ChaosFileError(
-            f"{source} is damaged ({type(error).__name__}: {error}); save it again"
+            f"{name} is damaged ({type(error).__name__}: {error}); save it again"
         ) from error

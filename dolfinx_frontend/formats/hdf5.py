@@ -15,7 +15,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from dolfinx_frontend.common.files import FileError
+from dolfinx_frontend.common.files import FileError, opened
 
 __all__ = ["ChaosFileError"]
 
@@ -34,6 +34,8 @@ DAMAGE = (
 )
 
 _USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
+MEMORY = 3.0
+"""That reading takes, in multiples of the size of the file: what is read, and once more what is made of it."""
 _DEEPEST = 3
 """Levels of groups below the first, of what this package writes."""
 _TEXT = struct.Struct("<IQI")
@@ -138,11 +140,13 @@ def write_tree(path: Path, head: Tree, tree: Tree) -> None:
     seal(path, head["format"])
 
 
-def read_tree(path: Path, form: str) -> Tree:
+def read_tree(path: Path, form: str, kind: type[FileError]) -> Tree:
     """What :func:`write_tree` wrote.
 
     Raises
     ------
+    FileError
+        It is no file, or too large; of the given kind.
     ValueError
         The file is of another kind, was damaged, or holds what does not belong there.
 
@@ -151,18 +155,19 @@ def read_tree(path: Path, form: str) -> Tree:
     Tree
         What is asked for and is not there raises :class:`LayoutError` with its place.
     """
-    h5py = h5py_module()
-    with path.open("rb") as opened:
-        wanted = _seal(opened, form)
+    with opened(path, MEMORY, kind) as file:
+        h5py = h5py_module()
         # before the HDF5 library sees the file: on some damaged ones it never returns
-        if opened.read(len(wanted)) != wanted:
+        if file.read(len(form) + 1) != f"{form} ".encode():
+            raise ValueError(f"it is no {form} file")
+        wanted = _seal(file, form)
+        if file.read(len(wanted)) != wanted:
             raise ValueError("its first line is not the checksum of the rest")
         with (
-            mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content,
-            h5py.File(path, "r") as file,
+            mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content,
+            h5py.File(path, "r") as tree,
         ):
-            tree: Tree = placed(_Reading(h5py, content).group(file))
-    return tree
+            return placed(_Reading(h5py, content).group(tree))
 
 
 class _Reading:

@@ -19,7 +19,7 @@ from time import perf_counter
 from typing import Any, IO
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.files import opened
+from dolfinx_frontend.common.files import OBJECTS, opened
 
 __all__ = ["TIMEOUT", "alone", "away", "check_timeout"]
 
@@ -54,32 +54,39 @@ def check_timeout(timeout: float | None) -> None:
         raise SceneError(f"timeout = {timeout!r} must be positive seconds, or None")
 
 
+_FIRST = 4096
+"""Bytes of a file that tell what it is."""
+
+
 @contextmanager
-def alone(file: Path, name: str) -> Iterator[Path]:
+def alone(file: Path, name: str, check: Callable[[str, bytes], None]) -> Iterator[Path]:
     """A copy of a file under another name, alone in a folder that nobody else can write to.
 
     gmsh executes what it takes for a script by its name or its beginning, and ``NAME.opt`` beside any file;
     OpenCASCADE looks for other files beside a STEP file. So neither sees the path of a user, and what is
-    checked of the copy is what is read.
+    checked of the copy is what is read. `check` refuses what does not begin as it should, by the name of the
+    file and its first bytes, before anything is copied.
 
     Raises
     ------
     SceneError
-        It cannot be read or copied, or is compressed.
+        It cannot be read or copied, is too large, or does not begin as it should.
     """
-    with tempfile.TemporaryDirectory() as folder:
+    with opened(file, OBJECTS, SceneError) as given, tempfile.TemporaryDirectory() as folder:
+        first = given.peek(_FIRST)[:_FIRST]
+        if first.startswith(b"\x1f\x8b"):
+            raise SceneError(f"{file.name!r} is compressed (gzip); unpack it")
+        check(file.name, first)
         copy = Path(folder, name)
         try:
-            with opened(file) as given, copy.open("xb") as target:
-                packed = given.peek(2)[:2] == b"\x1f\x8b"
+            with copy.open("xb") as target:
                 shutil.copyfileobj(given, target)
         except OSError as error:
             raise SceneError(
-                f"{file.name!r} cannot be read or copied to {folder} ({error}); check its permissions, and "
-                "the room in the folder of temporary files"
+                f"{file.name!r} cannot be read or copied to {folder} ({error}); check the room in the folder of "
+                "temporary files"
             ) from error
-        if packed:
-            raise SceneError(f"{file.name!r} is compressed (gzip); unpack it")
+        given.close()
         yield copy
 
 

@@ -6,6 +6,8 @@ leaves out silently what it cannot translate.
 
 from __future__ import annotations
 
+import codecs
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -15,7 +17,7 @@ from pathlib import Path
 
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Exchange", "closed"]
+__all__ = ["Exchange", "check_begin", "closed"]
 
 # All of these are found in a time that grows with the length of the text, whatever is in it.
 _STATEMENT = re.compile(r"\s*+((?:[^';]++|'[^']*+'|')*+)(?:;|\Z)")
@@ -28,6 +30,8 @@ _OUTSIDE = re.compile(
 )
 """Entities, by their long and short names, in which the names of other files are."""
 _SYNTAX = re.compile(r"\(?[\s!]*[A-Z][A-Z0-9_]*\s*\([A-Z0-9_#$*.,()+\-\s\"!'e]*\)\s*")
+_UNBOUNDED = re.compile(r"(?<![.\w#\"])[+-]?(?:nan|inf(?:inity)?|\d[\d.]*+e\+?\d{3,})(?![\w.])", re.IGNORECASE)
+"""What OpenCASCADE may read as no finite number, and compute with for ever."""
 _KEYWORD = re.compile(r"\(?\s*([A-Z_0-9]+)")
 _REFERENCE = re.compile(r"#(\d{1,12})")
 _TEXT = re.compile(r"'((?:[^']|'')*)'")
@@ -56,6 +60,17 @@ def plain_text(path: Path) -> str:
     return _COMMENT.sub(lambda m: m[1] or "\n" * m[0].count("\n"), text) if "/*" in text else text
 
 
+def _line(text: str, at: int) -> int:
+    return text.count("\n", 0, at) + 1
+
+
+def _is_finite(number: str) -> bool:
+    try:
+        return math.isfinite(float(number))
+    except ValueError:  # "1.2.3e400"
+        return False
+
+
 def closed(path: Path) -> tuple[str, ...]:
     """Make a file name no other files: OpenCASCADE would open them. What it named, without what is empty."""
     text = plain_text(path)
@@ -70,6 +85,26 @@ def closed(path: Path) -> tuple[str, ...]:
             parts.append(m[0])
     path.write_text("".join(parts), encoding="latin-1")
     return tuple(dict.fromkeys(names))
+
+
+def check_begin(name: str, first: bytes) -> None:
+    """Refuse a file that does not begin as STEP, by its first bytes.
+
+    Raises
+    ------
+    SceneError
+        It does not.
+    """
+    if first.startswith(codecs.BOM_UTF8):  # OpenCASCADE finds nothing in it
+        raise SceneError(
+            f"{name!r} cannot be read as STEP: it begins with a byte order mark of an editor; save it "
+            "as plain text without one"
+        )
+    if b"ISO-10303-21" not in first:
+        raise SceneError(
+            f"{name!r} cannot be read as STEP: it does not begin with ISO-10303-21 (an exchange file "
+            "of ISO 10303-21 does); export it as STEP AP203, AP214 or AP242"
+        )
 
 
 @dataclass(frozen=True)
@@ -94,9 +129,14 @@ class Exchange:
         Raises
         ------
         SceneError
-            The file has no end.
+            The file is no text, has no end, or numbers that are not finite.
         """
         text = plain_text(path)
+        if "\0" in text:
+            raise SceneError(
+                f"{name or path.name!r} cannot be read as STEP: line {_line(text, text.index(chr(0)))} is no "
+                "text; export or copy it again"
+            )
         if "END-ISO-10303-21" not in text[-4096:]:
             raise SceneError(
                 f"{name or path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so "
@@ -116,10 +156,15 @@ class Exchange:
                 wrong.append(at)
                 continue
             plain = _TEXT.sub("''", m[2]) if "'" in m[2] else m[2]
+            if (number := _UNBOUNDED.search(plain)) and not _is_finite(number[0]):
+                raise SceneError(
+                    f"{name or path.name!r} cannot be read as STEP: {number[0]} in line {_line(text, at)} is no "
+                    "finite number; export it again"
+                )
             if int(m[1]) in instances or not _SYNTAX.fullmatch(plain) or plain.count("(") != plain.count(")"):
                 wrong.append(at)
             instances[int(m[1])] = m[2]
-        flaws = [f"line {text.count(chr(10), 0, at) + 1} is damaged" for at in wrong[:3]]
+        flaws = [f"line {_line(text, at)} is damaged" for at in wrong[:3]]
         if len(wrong) > len(flaws):
             flaws.append(f"{len(wrong) - len(flaws)} more lines are")
         exchange = Exchange(instances, tuple(flaws))

@@ -16,9 +16,9 @@ from dolfinx_frontend.common.checks import checked_path, checked_whole
 from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, vertex_nodes
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.geometry.away import TIMEOUT, alone, away
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
+from dolfinx_frontend.geometry.msh import check_begin
 from dolfinx_frontend.geometry.parts import NO_FACETS, Assembly, Part, exterior_facets, tagged
 from dolfinx_frontend.geometry.session import gmsh_session
 
@@ -133,6 +133,12 @@ def _gmsh_mesh(
     cell, order = _GMSH_CELLS[kind]
     permuted = nodes[:, gmsh_cell_permutation(cell, nodes.shape[1])]
     kept, local = np.unique(permuted, return_inverse=True)
+    left_out, size = np.ptp(model.x[kept][:, x.shape[1] :], axis=0), np.ptp(model.x[kept], axis=0).max()
+    if (left_out > 1e-6 * size).any():
+        raise SceneError(
+            f"the part {name!r} is not in a plane of constant z (its z has a range of {left_out[0]:.3g}); turn "
+            "the mesh into the plane of x and y"
+        )
     mesh = create_mesh(local.reshape(permuted.shape), x[kept], cell, order)
     rows = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)  # of the input coordinates
     return mesh, kept[rows[vertex_nodes(mesh)]]
@@ -199,9 +205,7 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
         With the name of the file: it is not there, cannot be read, or holds what :func:`from_gmsh` refuses.
     """
     file = checked_path("read_msh", path)
-    if not is_file(file):
-        raise SceneError(f"there is no mesh file {str(path)!r}; check the name")
-    with alone(file, "file.msh") as copy:
+    with alone(file, "file.msh", check_begin) as copy:
         model: Meshed = away(
             "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=copy
         )

@@ -94,6 +94,8 @@ def meshed(model: Any) -> Meshed:
     out = Meshed(dim, x, found(dim, cells, "part"), found(dim - 1, facets, "face"), kinds)
     for name, blocks in out.cells.items():
         for kind, nodes in blocks.items():
+            if count := len(nodes) - len(np.unique(_keys(nodes))):  # dolfinx may end the process for them
+                raise SceneError(f"the part {name!r}: {count} cells have the nodes of others; mesh it again")
             if kind in _FACETS and (count := _crowded(nodes, _FACETS[kind])):
                 raise SceneError(
                     f"the part {name!r}: {count} facets belong to more than two cells; mesh it again"

@@ -10,7 +10,6 @@ Lengths are millimetres, whatever the unit of the file: OpenCASCADE converts.
 
 from __future__ import annotations
 
-import codecs
 import fnmatch
 import math
 import re
@@ -184,22 +183,10 @@ def load(
     Raises
     ------
     SceneError
-        Not STEP, no solids in it, solids that cannot be read, a cut that does not cut in two,
+        No solids in it, solids that cannot be read, a cut that does not cut in two,
         solids that overlap.
     """
     occ, model = gmsh.model.occ, gmsh.model
-    with path.open("rb") as file:
-        start = file.read(4096)
-    if start.startswith(codecs.BOM_UTF8):  # OpenCASCADE finds nothing in it
-        raise SceneError(
-            f"{name!r} cannot be read as STEP: it begins with a byte order mark of an editor; save it "
-            "as plain text without one"
-        )
-    if b"ISO-10303-21" not in start:
-        raise SceneError(
-            f"{name!r} cannot be read as STEP: it does not begin with ISO-10303-21 (an exchange file "
-            "of ISO 10303-21 does); export it as STEP AP203, AP214 or AP242"
-        )
     exchange, outside = Exchange.of(path, name), closed(path)
     say("reading the file")
     try:

@@ -38,9 +38,9 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name, warn
-from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.geometry.away import TIMEOUT, alone, away, check_timeout
+from dolfinx_frontend.geometry.exchange import check_begin
 from dolfinx_frontend.geometry.gmsh import assembled
 from dolfinx_frontend.geometry.meshing import FLAT, some
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
@@ -499,8 +499,6 @@ def read_step(
             checked_number("read_step", name, value, least=0.0)
     checked_flag("read_step", "partial", partial)
     check_timeout(timeout)
-    if not is_file(file):
-        raise SceneError(f"there is no STEP file {str(path)!r}; check the name")
     source = Source(file.absolute(), file.name, planes, imprint, tolerance, partial)
     with _copied(source) as copy:
         found: Survey = away(
@@ -525,7 +523,7 @@ def read_step(
 @contextmanager
 def _copied(source: Source) -> Iterator[Source]:
     """The source with a copy of its file, see :func:`alone`."""
-    with alone(source.path, "file.step") as copy:
+    with alone(source.path, "file.step", check_begin) as copy:
         yield replace(source, path=copy)
 
 

@@ -23,7 +23,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.describe import shown_error
-from dolfinx_frontend.common.files import is_file
+from dolfinx_frontend.common.files import opened, shown
 from dolfinx_frontend.common.frozen import ReadOnlyDict, locked, locked_matrix, read_only
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
@@ -619,28 +619,24 @@ def load(path: str | Path) -> SavedResult:
         The file does not exist, is no saved result, is of another version, truncated or damaged.
     """
     source = checked_path("load", path)
-    if not is_file(source):
-        raise ResultFileError(f"{source} does not exist or is no file: check the name")
-    try:
-        with source.open("rb") as file:
-            first = file.read(len(chaos_file.FORMAT))
-    except OSError as error:
-        raise ResultFileError(f"{source} cannot be read ({error})") from error
+    name = shown(source)
+    with opened(source, hdf5.MEMORY, ResultFileError) as file:
+        first = file.read(len(chaos_file.FORMAT))
     if first == chaos_file.FORMAT.encode():
-        raise ResultFileError(f"{source} is a chaos file: read it with chaos_file.load_chaos")
+        raise ResultFileError(f"{name} is a chaos file: read it with chaos_file.load_chaos")
     of_run = first.startswith(RUN_FORMAT.encode())
     form, oldest, newest = (RUN_FORMAT, RUN_VERSION, RUN_VERSION) if of_run else (FORMAT, OLDEST, VERSION)
     try:
-        tree = hdf5.read_tree(source, form)
+        tree = hdf5.read_tree(source, form, ResultFileError)
         version = Group(tree).whole("version", 0, 2**62)
         del tree["version"]
     except hdf5.DAMAGE as error:
         raise ResultFileError(
-            f"{source} cannot be read ({error}): it is truncated, damaged or no saved result; save it again"
+            f"{name} cannot be read ({error}): it is truncated, damaged or no saved result; save it again"
         ) from error
     if not oldest <= version <= newest:
         raise ResultFileError(
-            f"{source} is a saved result of version {version}; this software reads versions {oldest} to "
+            f"{name} is a saved result of version {version}; this software reads versions {oldest} to "
             f"{newest}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and "
             "save again"
         )
@@ -652,10 +648,10 @@ def load(path: str | Path) -> SavedResult:
         check_contents(tree, meshes=of_run or version > 1)
         return _read(source, tree)
     except hdf5.LayoutError as error:
-        raise ResultFileError(f"{source} is damaged or was edited: {error}; save it again") from error
+        raise ResultFileError(f"{name} is damaged or was edited: {error}; save it again") from error
     except hdf5.DAMAGE as error:
         raise ResultFileError(
-            f"{source} is damaged ({type(error).__name__}: {error}); save it again"
+            f"{name} is damaged ({type(error).__name__}: {error}); save it again"
         ) from error
 
 

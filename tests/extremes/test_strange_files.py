@@ -7,21 +7,27 @@ with the size of the file.
 from __future__ import annotations
 
 import gzip
+import hashlib
 import json
 import os
 import re
+import shutil
 import sqlite3
+import subprocess
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import cache
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 import dolfinx_frontend as lf
+from dolfinx_frontend.common import files
 from dolfinx_frontend.formats import hdf5
 from dolfinx_frontend.formats.chaos_file import Field, load_chaos, save_chaos
 from dolfinx_frontend.geometry import gmsh_session, read_msh, read_step
@@ -90,6 +96,60 @@ def read_checkpoint(path: Any) -> list[Any]:
         return [(number, arrays["force"].tolist()) for number, arrays in file]
 
 
+@cache
+def problem() -> lf.Problem:
+    scene = lf.Scene()
+    for name, x in (("l", 0.0), ("r", 1.0)):
+        box = lf.geometry.box((1.0, 1.0), (1, 1), origin=(x, 0.0))
+        scene.substructure(name, box, lf.LinearElastic(100.0, 0.3), degree=1)
+    scene.fix("l:x0")
+    scene.traction("r:x1", (-1.0, 0.0))
+    scene.interface("j", "l:x1", "r:x0", lf.Elastic(normal=10.0, tangential=10.0))
+    return lf.assemble(scene)
+
+
+def write_folder(path: Path) -> Path:
+    """What `latin_run` is given."""
+    return problem().export(path)
+
+
+def write_problem(path: Path) -> None:
+    (write_folder(path.with_suffix(".folder")) / "problem.h5").rename(path)
+
+
+def write_matrix(path: Path) -> None:
+    (write_folder(path.with_suffix(".folder")) / "matrices" / "0000.petsc").rename(path)
+
+
+def run(name: str, path: Path) -> lf.SavedResult:
+    """What `latin_run` makes of a folder that has this file under that name."""
+    with TemporaryDirectory() as place:
+        folder = write_folder(Path(place, "folder"))
+        given = folder / name
+        if name != "problem.h5":
+            with h5py.File(folder / "problem.h5", "r+") as file:
+                sums = list(file["matrices/sha256"].asstr()[()])
+                small = path.is_file() and 0 < path.stat().st_size < 2**20
+                sums[0] = hashlib.sha256(path.read_bytes()).hexdigest() if small else "none"
+                file["matrices/sha256"][...] = sums
+            hdf5.seal(folder / "problem.h5", "latin-problem")
+        given.unlink()
+        if os.path.lexists(path) and not path.is_symlink() and not path.is_dir():
+            os.link(path, given)
+        else:
+            given.symlink_to(path.absolute())
+        done = subprocess.run([str(PROGRAM), str(folder)], capture_output=True, text=True, check=False, timeout=120)
+        if done.returncode:
+            assert done.returncode == 1 and done.stderr.count("\n") == 1, done.stdout + done.stderr
+            said = done.stderr.strip().replace(str(given), str(path))
+            raise lf.SceneError(f"{said}; check it, or export the problem again")
+        return lf.load(folder / "result.h5")
+
+
+def unknowns(found: lf.SavedResult) -> Any:
+    return found.unknowns("r").tolist()
+
+
 class Reader(NamedTuple):
     suffix: str
     write: Callable[[Path], Any]
@@ -105,6 +165,12 @@ READERS = {
     "chaos as text": Reader(".json", write_chaos, load_chaos, lambda f: f.fields["w"].coefficients.tolist()),
     "checkpoint": Reader("", write_checkpoint, read_checkpoint, lambda found: found),
 }
+PROGRAM = shutil.which("latin_run")
+if PROGRAM is not None:  # built with HDF5
+    READERS |= {
+        "problem": Reader(".h5", write_problem, lambda p: run("problem.h5", Path(p)), unknowns),
+        "matrix": Reader(".petsc", write_matrix, lambda p: run("matrices/0000.petsc", Path(p)), unknowns),
+    }
 
 
 def edited(path: Path, edit: Callable[[Any], None], form: str) -> None:
@@ -123,6 +189,8 @@ def claims(kind: str, path: Path) -> None:
         path.write_text(re.sub(r"#\d+ = (?=MANIFOLD)", f"#{many} = ", path.read_text()))
     elif kind == "chaos as text":
         path.write_text(re.sub(r'"shape": \[2\]', f'"shape": [{many}]', path.read_text()))
+    elif kind == "matrix":  # as many as its numbers can count
+        path.write_bytes(path.read_bytes()[:12] + (2**31 - 1).to_bytes(4) + path.read_bytes()[16:])
     elif kind == "checkpoint":
         with closing(sqlite3.connect(path)) as db, db:
             blob = db.execute("select arrays from point").fetchone()[0][32:]
@@ -131,7 +199,14 @@ def claims(kind: str, path: Path) -> None:
             db.execute("update point set arrays = ?", (_digest(0, changed, run) + changed,))
     else:
         form = path.read_bytes().split(maxsplit=1)[0].decode()
-        edited(path, lambda file: file.create_dataset("claimed", (many,), "f8"), form)
+
+        def claim(file: Any) -> None:
+            name = "amplitudes" if kind == "problem" else "claimed"  # of which the program reads what it needs
+            if name in file:
+                del file[name]
+            file.create_dataset(name, (many, 1), "f8")
+
+        edited(path, claim, form)
 
 
 def repacked(blob: bytes, change: Callable[[bytes], bytes], how: int = zipfile.ZIP_STORED) -> bytes:
@@ -191,6 +266,8 @@ def test_the_wrong_kind_of_file(kind: str, good: dict[str, Path], folder: Path) 
     }
     if kind != "checkpoint":  # SQLite takes an empty file for an empty database
         strange["empty"] = b""
+    if kind == "matrix":  # it has a checksum, and is as long as it says
+        strange = {key: each for key, each in strange.items() if len(each) < 2**20}
     for content in strange.values():
         path.write_bytes(content)
         refuse(kind, path)
@@ -213,22 +290,62 @@ def test_what_is_no_file(kind: str, good: dict[str, Path], folder: Path) -> None
     os.mkfifo(pipe)
     circle.symlink_to(circle)
     directory.mkdir()
-    for path in (pipe, circle, directory):
+    strange = ["/dev/zero", "/dev/full", "/proc/kmsg", "/proc/version", "/proc/self/mem", "/sys/kernel/notes"]
+    for path in (pipe, circle, directory, *filter(os.path.exists, strange)):
+        if str(path) in strange:
+            link = folder / f"{Path(path).name}{reader.suffix}"
+            link.symlink_to(path)
+            path = link
         refuse(kind, path)
     if kind != "checkpoint":  # of which there may be none
         refuse(kind, folder / f"nothing{reader.suffix}")
     link = folder / f"link{reader.suffix}"
     link.symlink_to(good[kind])
-    assert reader.shown(reader.read(link)) == reader.shown(reader.read(good[kind]))
+    if kind == "matrix":  # of a problem, which has all of its own
+        refuse(kind, link)
+    else:
+        assert reader.shown(reader.read(link)) == reader.shown(reader.read(good[kind]))
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_sparse_files(kind: str, good: dict[str, Path], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eight gigabytes of nothing behind a good beginning, or from the first byte on."""
+    monkeypatch.setattr(files, "available_memory", lambda: 16e9)
+    reader = READERS[kind]
+    path = folder / f"file{reader.suffix}"
+    path.write_bytes(good[kind].read_bytes())
+    os.truncate(path, 2**28 if kind in ("problem", "matrix") else 2**33)  # whose checksum is made of all
+    if kind == "checkpoint":  # what is behind the last page is no part of it
+        assert reader.shown(reader.read(path)) == reader.shown(reader.read(good[kind]))
+    else:
+        refuse(kind, path)
+    path.write_bytes(b"")
+    os.truncate(path, 2**28)
+    refuse(kind, path)
+
+
+def test_the_largest_file_is_what_memory_is_free_for(good: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    size = good["mesh"].stat().st_size
+    monkeypatch.setattr(files, "available_memory", lambda: files.OBJECTS * size - 1.0)
+    with pytest.raises(lf.SceneError, match="mesh.msh has .* GB, more than the .* GB that can be read here.*memory"):
+        read_msh(good["mesh"])
+    monkeypatch.setattr(files, "available_memory", lambda: files.OBJECTS * size)
+    assert list(read_msh(good["mesh"]).parts) == ["a"]
 
 
 @pytest.mark.parametrize("kind", READERS)
 def test_odd_names(kind: str, good: dict[str, Path], folder: Path) -> None:
     reader = READERS[kind]
-    for name in ("-o 'my \"file\"';$(touch executed)`touch executed`\nn", "..."):
+    for name in ("-o 'my \"file\"';$(touch executed)`touch executed`\nn", "...", "\u202egnp.h5"):
         path = Path(f"{name}{reader.suffix}")  # relative: the name begins with a dash
         path.write_bytes(good[kind].read_bytes())
         assert reader.shown(reader.read(str(path))) == reader.shown(reader.read(good[kind]))
+        if kind in ("problem", "matrix"):
+            continue
+        path.write_bytes(SCRIPT.encode())
+        with pytest.raises(REFUSED) as error:  # what is said is one line, in the order of its characters
+            reader.read(str(path))
+        assert str(error.value).isprintable() and re.search(FIX, str(error.value))
     assert not Path("executed").exists()
 
 
@@ -380,6 +497,57 @@ def test_a_point_of_another_problem(folder: Path) -> None:
         db.execute("update point set arrays = ?", (blob,))
     with pytest.raises(CheckpointError, match="point 0: its checksum is another one"):
         read_checkpoint(folder / "points")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("3 1 1 0", "2 1 1 0", r"its section \$Nodes has node 2 twice"),
+        ("1 2 3\n$End", "1 2 4\n$End", r"its element 1 has node 4, which is not in its section \$Nodes"),
+        ("1\n1 2 2 1 1 1 2 3", "2\n1 2 2 1 1 1 2 3\n1 2 2 1 1 1 2 3", "has element 1 twice"),
+        ("1\n1 2 2 1 1 1 2 3", "2\n1 2 2 1 1 1 2 3\n2 2 2 1 1 3 1 2", "1 cells have the nodes of others"),
+        ("3 1 1 0", "3 1 1 1", "is not in a plane of constant z"),
+    ],
+)
+def test_contradictions_in_a_mesh(old: str, new: str, said: str, folder: Path) -> None:
+    """gmsh takes the last of two, or leaves out what it does not know; two cells on the same nodes end dolfinx."""
+    assert old in MESH
+    Path("file.msh").write_text(MESH.replace(old, new))
+    with pytest.raises(lf.SceneError, match=f"'file.msh': .*{said}.*; (write|mesh|turn)"):
+        read_msh("file.msh")
+
+
+@pytest.mark.usefixtures("forking")
+@pytest.mark.parametrize("binary", [0, 1])
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_numbers_that_come_twice_in_a_mesh_of_gmsh(version: float, binary: int, folder: Path) -> None:
+    whole = written(Path("file.msh"), version, binary).encode("latin1")
+    begin = whole.index(b"$Nodes\n") + len(b"$Nodes\n")
+    if binary:  # behind a first node: its number and place, and of version 4 the heads of section and blocks
+        at = begin + 32 + 52 + 20 if version == 4.1 else whole.index(b"\n", begin) + 1 + 28
+    else:
+        second = re.compile(rb"(?m)^2(?=\n| .* .* .*\n)").search(whole, begin)
+        assert second is not None
+        at = second.start()
+    assert whole[at] in b"\2" + b"2"
+    changed = bytearray(whole)
+    changed[at] -= 1
+    Path("file.msh").write_bytes(changed)
+    with pytest.raises(lf.SceneError, match="its section .Nodes has node 1 twice"):
+        read_msh("file.msh")
+
+
+@pytest.mark.usefixtures("forking")
+@pytest.mark.parametrize("number", ["NAN", "-nan", "+Inf", "INFINITY", "1.E999"])
+def test_numbers_of_step_are_finite(number: str, good: dict[str, Path], folder: Path) -> None:
+    """OpenCASCADE computes with some of them for ever."""
+    text = good["STEP"].read_text()
+    found = list(re.finditer(r"CARTESIAN_POINT\('',\((-?[\d.E+-]+)", text))[3]
+    Path("file.step").write_text(text[: found.start(1)] + number + text[found.end(1) :])
+    with pytest.raises(lf.SceneError, match=rf"'file.step'.*: {re.escape(number)} in line \d+ is no finite number; ex"):
+        read_step("file.step", timeout=20)
+    Path("file.step").write_text(text.replace("''", "'nan inf 1.E999'"))
+    assert len(read_step("file.step").solids) == 1
 
 
 ENDLESS = "with recursive c(n, a) as (values(1, x'00') union all select n + 1, a from c) select n, a from c"

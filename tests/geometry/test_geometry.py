@@ -332,7 +332,7 @@ def test_open_gmsh_session_is_left_as_it_was(tmp_path) -> None:
         (lambda: bolted_vessel(n_screws=2.5), "n_screws = 2.5"),
         (lambda: bolted_vessel(hole_radius=8.0), "screw_radius < hole_radius"),
         (lambda: bolted_vessel(n_screws=40), "head_radius < bolt_circle sin"),
-        (lambda: geometry.read_msh("nowhere.msh"), "no mesh file 'nowhere.msh'"),
+        (lambda: geometry.read_msh("nowhere.msh"), "nowhere.msh does not exist"),
     ],
 )
 def test_wrong_arguments(build, message: str) -> None:

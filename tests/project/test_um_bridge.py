@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import http.client
 import json
 import socket
@@ -56,6 +57,12 @@ def works(port: int) -> None:
         ("/Evaluate", b"[" * 100_000, "no JSON"),
         ("/Evaluate", b'{"name": "forward", "input": [[1' + b"0" * 5000 + b", 1]]}", "no JSON"),
         ("/Evaluate", b"\xff\xfe", "no JSON"),
+        ("/Evaluate", b"\x89PNG\r\n\x1a\n" + bytes(500), "no JSON"),
+        ("/Evaluate", gzip.compress(json.dumps(GOOD).encode()), "no JSON"),
+        ("/Evaluate", json.dumps(GOOD).encode()[:-9], "no JSON"),
+        ("/Evaluate", bytes(500_000), "no JSON"),
+        ("/Evaluate", b'{"name": ' + b"[" * 900 + b"]" * 900 + b"}", "there is one model"),
+        ("/Evaluate", GOOD | {"name": "-o 'my \"forward\"';\n\u202e"}, "there is one model, 'forward'"),
         ("/Evaluate", [1], "no table"),
         ("/Evaluate", {}, "name = 'None'"),
         ("/Evaluate", GOOD | {"name": "backward"}, "name = 'backward': there is one model, 'forward'"),
@@ -91,7 +98,7 @@ def test_other_names_of_this_machine(port: int) -> None:
     for headers in ({"Host": evil}, {"Host": f"{evil}:{port}"}, {"Origin": f"http://{evil}"}):
         status, found = ask(port, "/Evaluate", GOOD, **headers)
         assert status == 400 and "Host or Origin" in found["error"]["message"]
-    for length in ("-1", "abc", "1e3", "9" * 30):
+    for length in ("-1", "abc", "1e3", "1000000000000", "9" * 30):
         status, found = ask(port, "/Evaluate", b"", **{"Content-Length": length})
         assert status == 400 and "Content-Length" in found["error"]["message"]
 

@@ -17,7 +17,6 @@ import math
 import os
 import re
 import sqlite3
-import stat
 import struct
 import sys
 import threading
@@ -30,6 +29,8 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
+
+from latin_core.files import checked_file, shown
 
 __all__ = [
     "Checkpoint",
@@ -126,11 +127,11 @@ def _same(one: Any, other: Any) -> bool:
 def _told(name: str, theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> str:
     """A fact in which two headers differ, with its values if they are short."""
 
-    def shown(facts: Mapping[str, Any]) -> str:
+    def value_of(facts: Mapping[str, Any]) -> str:
         value = facts[name] if name in facts else None
         return "none" if value is None else str(value)
 
-    values = shown(theirs), shown(mine)
+    values = value_of(theirs), value_of(mine)
     plain = all(isinstance(facts.get(name), (str, int, float, type(None))) for facts in (theirs, mine))
     if plain and max(map(len, values)) <= 32 and not name.startswith("code"):
         return f"{name} (in the file {values[0]}, in this run {values[1]})"
@@ -170,7 +171,7 @@ def wrong_array(arrays: Mapping[str, Any], name: str, kinds: str, shape: tuple[i
 def edited(path: Path, number: int, wrong: str) -> CheckpointError:
     """What a point says whose checksum is right and whose arrays are not."""
     return CheckpointError(
-        f"checkpoint {path} was edited: point {number}: {wrong}: move it away to start from the beginning"
+        f"checkpoint {shown(path)} was edited: point {number}: {wrong}: move it away to start from the beginning"
     )
 
 
@@ -218,6 +219,7 @@ class Checkpoint:
 
     def __init__(self, path: str | Path, header: Mapping[str, Any], more: Sequence[str] = ()) -> None:
         self.path = Path(path)
+        self._shown = shown(self.path)
         self._file = os.path.abspath(self.path)
         self._waiting: dict[int, bytes] = {}
         self._warned = False
@@ -231,11 +233,11 @@ class Checkpoint:
             raise CheckpointError(f"checkpoint {str(path)!r} is an address: give the name of a file")
         if self.path.is_symlink() and os.path.islink(os.path.realpath(self.path)):
             raise CheckpointError(
-                f"checkpoint {self.path} is a link that leads back to itself: give the name of a file"
+                f"checkpoint {self._shown} is a link that leads back to itself: give the name of a file"
             )
         if not self.path.parent.is_dir():
             raise CheckpointError(
-                f"checkpoint {self.path}: folder {self.path.parent} does not exist: make it first"
+                f"checkpoint {self._shown}: folder {self.path.parent} does not exist: make it first"
             )
         mine = json.loads(json.dumps({"version": _VERSION, **header}))
         try:
@@ -262,7 +264,7 @@ class Checkpoint:
                 different = different[:1]  # the facts of another version have other names
             more = f", and {len(different) - 6} more" if len(different) > 6 else ""
             raise CheckpointError(
-                f"checkpoint {self.path} belongs to another run or version, they differ in: "
+                f"checkpoint {self._shown} belongs to another run or version, they differ in: "
                 f"{'; '.join(different[:6])}{more}: give another file name, or move it away"
             )
 
@@ -273,10 +275,10 @@ class Checkpoint:
             return error
         if _busy(error):
             return CheckpointError(
-                f"checkpoint {self.path} is locked by another program ({error}): close that, or wait"
+                f"checkpoint {self._shown} is locked by another program ({error}): close that, or wait"
             )
         return CheckpointError(
-            f"checkpoint {self.path} {what} ({error}): move it away to start from the beginning"
+            f"checkpoint {self._shown} {what} ({error}): move it away to start from the beginning"
         )
 
     def _open(self, mine: Mapping[str, Any]) -> dict[str, Any]:
@@ -317,7 +319,7 @@ class Checkpoint:
                 journal.seek(-min(len(_JOURNAL_OF_SEVERAL), os.path.getsize(beside)), os.SEEK_END)
                 if journal.read() == _JOURNAL_OF_SEVERAL:
                     raise CheckpointError(
-                        f"checkpoint {self.path} has a journal beside it, {beside}, that names another file, "
+                        f"checkpoint {self._shown} has a journal beside it, {beside}, that names another file, "
                         "as those of no run do: move both away"
                     )
         return sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
@@ -333,7 +335,7 @@ class Checkpoint:
             names = [repr(name) if kind == "table" else f"{kind} {name!r}" for name, kind, _ in rows]
             told = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
             raise CheckpointError(
-                f"checkpoint {self.path} is a database of another program (its tables: {told}): give another "
+                f"checkpoint {self._shown} is a database of another program (its tables: {told}): give another "
                 "file name"
             )
         return bool(rows)
@@ -346,12 +348,12 @@ class Checkpoint:
         """
         with _in_use_guard:
             if not made:
-                status = os.stat(self._file)
-                if not stat.S_ISREG(status.st_mode):
+                try:
+                    status = checked_file(self._file)
+                except OSError as error:
                     raise CheckpointError(
-                        f"checkpoint {self.path} is a folder, a pipe, a socket or a device: give the name of "
-                        "a file"
-                    )
+                        f"checkpoint {self._shown} cannot be read ({error}): give the name of a file"
+                    ) from error
                 if (status.st_dev, status.st_ino) in _in_use:
                     raise self._used("in this program")
             try:
@@ -359,7 +361,7 @@ class Checkpoint:
             except OSError as error:
                 if made:
                     raise CheckpointError(
-                        f"checkpoint {self.path} cannot be written ({error}): choose a folder that is "
+                        f"checkpoint {self._shown} cannot be written ({error}): choose a folder that is "
                         "writable and has room"
                     ) from error
                 if not isinstance(error, PermissionError) and error.errno != errno.EROFS:
@@ -374,7 +376,7 @@ class Checkpoint:
 
     def _used(self, where: str) -> CheckpointError:
         return CheckpointError(
-            f"checkpoint {self.path} is in use by another run {where}: wait for its end, or give another "
+            f"checkpoint {self._shown} is in use by another run {where}: wait for its end, or give another "
             "file name"
         )
 
@@ -431,7 +433,7 @@ class Checkpoint:
                 self._warned = True
                 why = "another program has locked it" if _busy(error) else error
                 warnings.warn(
-                    f"checkpoint {self.path} cannot be written ({why}): the run goes on, its points are kept "
+                    f"checkpoint {self._shown} cannot be written ({why}): the run goes on, its points are kept "
                     "in memory, and writing is tried again",
                     CheckpointWarning,
                     stacklevel=3,
