@@ -13,7 +13,6 @@ from pathlib import Path
 
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.memory import available_memory
-from latin_core.files import checked_file, shown
 
 __all__ = ["OBJECTS", "FileError", "Files", "opened", "replaced", "shown", "writable", "write_text"]
 
@@ -24,6 +23,12 @@ mesh, Python 22 for the lists of a text."""
 
 class FileError(SceneError):
     """A file that cannot be read or written; the message names it."""
+
+
+def shown(path: str | Path) -> str:
+    """A name for messages, in one line and in the order of its characters, whatever is in it."""
+    text = str(path)
+    return text if text.isprintable() else repr(text)
 
 
 def _refused(target: Path, error: BaseException, kind: type[FileError]) -> FileError:
@@ -136,6 +141,24 @@ class Files(ExitStack):
         return folder
 
 
+def _checked(path: Path | int) -> os.stat_result:
+    """The state of a file, by its name (links are followed) or its open descriptor.
+
+    Raises
+    ------
+    OSError
+        There is none, or it is a folder, a pipe, a device, or one that the system makes up when it is read
+        (``/proc``, ``/sys``): some of these wait for ever.
+    """
+    status = os.stat(path)
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError("it is a folder, a pipe, a socket or a device, not a file")
+    # what the system makes up says that it is a file, and lies on no disk
+    if not status.st_blocks and not os.statvfs(path).f_blocks:
+        raise OSError("it is made up by the system, and no file of a disk")
+    return status
+
+
 def opened(path: Path, memory: float, kind: type[SceneError] = FileError) -> io.BufferedReader:
     """A file to be read: what every reader of this package begins with.
 
@@ -149,14 +172,14 @@ def opened(path: Path, memory: float, kind: type[SceneError] = FileError) -> io.
     Raises
     ------
     SceneError
-        It cannot be read; is no file (a pipe or a device may have no end); is too large for the memory that is
-        free.
+        It cannot be read; is no file (a pipe or a device may have no end); is too large for the memory that
+        is free.
     """
     name = shown(path)
     try:
-        checked_file(path)  # before it is opened, which a device may take for a request
+        _checked(path)  # before it is opened, which a device may take for a request
         file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb")
-        size = checked_file(file.fileno()).st_size  # another one may have taken its place
+        size = _checked(file.fileno()).st_size  # another one may have taken its place
     except (FileNotFoundError, NotADirectoryError, ValueError) as error:
         raise kind(f"{name} does not exist: check the name") from error
     except OSError as error:
@@ -165,8 +188,8 @@ def opened(path: Path, memory: float, kind: type[SceneError] = FileError) -> io.
     if memory * size > free:
         file.close()
         raise kind(
-            f"{name} has {size / 1e9:.3g} GB, more than the {free / memory / 1e9:.3g} GB that can be read here: "
-            f"it may take {memory:g} times as much memory, and {free / 1e9:.3g} GB are free; check that it is "
-            "the right file, and read it where more memory is free"
+            f"{name} has {size / 1e9:.3g} GB, more than the {free / memory / 1e9:.3g} GB that can be read "
+            f"here: it may take {memory:g} times as much memory, and {free / 1e9:.3g} GB are free; check "
+            "that it is the right file, and read it where more memory is free"
         )
     return file

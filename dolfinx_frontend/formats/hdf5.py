@@ -35,7 +35,7 @@ DAMAGE = (
 
 _USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
 MEMORY = 3.0
-"""That reading takes, in multiples of the size of the file: what is read, and once more what is made of it."""
+"""That reading takes, in multiples of the size of the file: what is read, and what is made of it."""
 _DEEPEST = 3
 """Levels of groups below the first, of what this package writes."""
 _TEXT = struct.Struct("<IQI")

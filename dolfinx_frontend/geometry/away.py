@@ -83,8 +83,8 @@ def alone(file: Path, name: str, check: Callable[[str, bytes], None]) -> Iterato
                 shutil.copyfileobj(given, target)
         except OSError as error:
             raise SceneError(
-                f"{file.name!r} cannot be read or copied to {folder} ({error}); check the room in the folder of "
-                "temporary files"
+                f"{file.name!r} cannot be read or copied to {folder} ({error}); check the room in the folder "
+                "of temporary files"
             ) from error
         given.close()
         yield copy

@@ -30,7 +30,9 @@ _OUTSIDE = re.compile(
 )
 """Entities, by their long and short names, in which the names of other files are."""
 _SYNTAX = re.compile(r"\(?[\s!]*[A-Z][A-Z0-9_]*\s*\([A-Z0-9_#$*.,()+\-\s\"!'e]*\)\s*")
-_UNBOUNDED = re.compile(r"(?<![.\w#\"])[+-]?(?:nan|inf(?:inity)?|\d[\d.]*+e\+?\d{3,})(?![\w.])", re.IGNORECASE)
+_UNBOUNDED = re.compile(
+    r"(?<![.\w#\"])[+-]?(?:nan|inf(?:inity)?|\d[\d.]*+e\+?\d{3,})(?![\w.])", re.IGNORECASE
+)
 """What OpenCASCADE may read as no finite number, and compute with for ever."""
 _KEYWORD = re.compile(r"\(?\s*([A-Z_0-9]+)")
 _REFERENCE = re.compile(r"#(\d{1,12})")
@@ -158,8 +160,8 @@ class Exchange:
             plain = _TEXT.sub("''", m[2]) if "'" in m[2] else m[2]
             if (number := _UNBOUNDED.search(plain)) and not _is_finite(number[0]):
                 raise SceneError(
-                    f"{name or path.name!r} cannot be read as STEP: {number[0]} in line {_line(text, at)} is no "
-                    "finite number; export it again"
+                    f"{name or path.name!r} cannot be read as STEP: {number[0]} in line {_line(text, at)} is "
+                    "no finite number; export it again"
                 )
             if int(m[1]) in instances or not _SYNTAX.fullmatch(plain) or plain.count("(") != plain.count(")"):
                 wrong.append(at)

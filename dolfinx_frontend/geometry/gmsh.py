@@ -136,8 +136,8 @@ def _gmsh_mesh(
     left_out, size = np.ptp(model.x[kept][:, x.shape[1] :], axis=0), np.ptp(model.x[kept], axis=0).max()
     if (left_out > 1e-6 * size).any():
         raise SceneError(
-            f"the part {name!r} is not in a plane of constant z (its z has a range of {left_out[0]:.3g}); turn "
-            "the mesh into the plane of x and y"
+            f"the part {name!r} is not in a plane of constant z (its z has a range of {left_out[0]:.3g}); "
+            "turn the mesh into the plane of x and y"
         )
     mesh = create_mesh(local.reshape(permuted.shape), x[kept], cell, order)
     rows = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)  # of the input coordinates

@@ -197,7 +197,8 @@ def _elements(of: _Numbers, version: bytes, nodes_of: NodesOf) -> list[Ints]:
             of_kind.append(head[0])
             of_kind.extend(of.take("i", width - 1))
         else:
-            of_kind.extend(of.rows("i" * (width + tags), count)[:, [0, *range(1 + tags, width + tags)]].ravel())
+            rows = of.rows("i" * (width + tags), count)
+            of_kind.extend(np.delete(rows, slice(1, 1 + tags), axis=1).ravel())
         left -= count
     return [np.array(each, dtype=np.int64).reshape(-1, width) for width, each in several.items()]
 

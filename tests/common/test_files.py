@@ -153,7 +153,7 @@ def test_pipes_sockets_and_circles_are_refused(name: str, result: Any, tmp_path:
         assert os.lstat(each).st_ino == before.st_ino
     for reader in (load, io.load_chaos) if name == "chaos.json" else (load,):
         for each in (pipe, door, circle):
-            with pytest.raises(FileError, match="does not exist|cannot be read .it is a folder, a pipe|Too many levels"):
+            with pytest.raises(FileError, match="does not exist|it is a folder, a pipe|Too many levels"):
                 reader(each)
     for device in ("null", "full"):
         (tmp_path / name).symlink_to(f"/dev/{device}")

@@ -17,6 +17,7 @@ import math
 import os
 import re
 import sqlite3
+import stat
 import struct
 import sys
 import threading
@@ -29,8 +30,6 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
-
-from latin_core.files import checked_file, shown
 
 __all__ = [
     "Checkpoint",
@@ -168,10 +167,17 @@ def wrong_array(arrays: Mapping[str, Any], name: str, kinds: str, shape: tuple[i
     return ""
 
 
+def _shown(path: Path) -> str:
+    """A name for messages, in one line and in the order of its characters."""
+    text = str(path)
+    return text if text.isprintable() else repr(text)
+
+
 def edited(path: Path, number: int, wrong: str) -> CheckpointError:
     """What a point says whose checksum is right and whose arrays are not."""
     return CheckpointError(
-        f"checkpoint {shown(path)} was edited: point {number}: {wrong}: move it away to start from the beginning"
+        f"checkpoint {_shown(path)} was edited: point {number}: {wrong}: move it away to start from the "
+        "beginning"
     )
 
 
@@ -219,7 +225,7 @@ class Checkpoint:
 
     def __init__(self, path: str | Path, header: Mapping[str, Any], more: Sequence[str] = ()) -> None:
         self.path = Path(path)
-        self._shown = shown(self.path)
+        self._shown = _shown(self.path)
         self._file = os.path.abspath(self.path)
         self._waiting: dict[int, bytes] = {}
         self._warned = False
@@ -319,8 +325,8 @@ class Checkpoint:
                 journal.seek(-min(len(_JOURNAL_OF_SEVERAL), os.path.getsize(beside)), os.SEEK_END)
                 if journal.read() == _JOURNAL_OF_SEVERAL:
                     raise CheckpointError(
-                        f"checkpoint {self._shown} has a journal beside it, {beside}, that names another file, "
-                        "as those of no run do: move both away"
+                        f"checkpoint {self._shown} has a journal beside it, {beside}, that names another "
+                        "file, as those of no run do: move both away"
                     )
         return sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
 
@@ -335,8 +341,8 @@ class Checkpoint:
             names = [repr(name) if kind == "table" else f"{kind} {name!r}" for name, kind, _ in rows]
             told = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
             raise CheckpointError(
-                f"checkpoint {self._shown} is a database of another program (its tables: {told}): give another "
-                "file name"
+                f"checkpoint {self._shown} is a database of another program (its tables: {told}): give "
+                "another file name"
             )
         return bool(rows)
 
@@ -348,12 +354,14 @@ class Checkpoint:
         """
         with _in_use_guard:
             if not made:
-                try:
-                    status = checked_file(self._file)
-                except OSError as error:
+                status = os.stat(self._file)
+                # what the system makes up (/proc, /sys) says that it is a file, lies on no disk, and may wait
+                made_up = not status.st_blocks and not os.statvfs(self._file).f_blocks
+                if not stat.S_ISREG(status.st_mode) or made_up:
                     raise CheckpointError(
-                        f"checkpoint {self._shown} cannot be read ({error}): give the name of a file"
-                    ) from error
+                        f"checkpoint {self._shown} is a folder, a pipe, a socket or a device, or made up by "
+                        "the system: give the name of a file"
+                    )
                 if (status.st_dev, status.st_ino) in _in_use:
                     raise self._used("in this program")
             try:
@@ -433,8 +441,8 @@ class Checkpoint:
                 self._warned = True
                 why = "another program has locked it" if _busy(error) else error
                 warnings.warn(
-                    f"checkpoint {self._shown} cannot be written ({why}): the run goes on, its points are kept "
-                    "in memory, and writing is tried again",
+                    f"checkpoint {self._shown} cannot be written ({why}): the run goes on, its points are "
+                    "kept in memory, and writing is tried again",
                     CheckpointWarning,
                     stacklevel=3,
                 )
