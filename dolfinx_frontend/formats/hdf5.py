@@ -163,11 +163,9 @@ def read_tree(path: Path, form: str, kind: type[FileError]) -> Tree:
         wanted = _seal(file, form)
         if file.read(len(wanted)) != wanted:
             raise ValueError("its first line is not the checksum of the rest")
-        with (
-            mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content,
-            h5py.File(path, "r") as tree,
-        ):
-            return placed(_Reading(h5py, content).group(tree))
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content, h5py.File(path, "r") as root:
+            tree: Tree = placed(_Reading(h5py, content).group(root))
+    return tree
 
 
 class _Reading:

@@ -59,7 +59,7 @@ _FIRST = 4096
 
 
 @contextmanager
-def alone(file: Path, name: str, check: Callable[[str, bytes], None]) -> Iterator[Path]:
+def alone(file: Path, name: str, check: Callable[[str, bytes], object]) -> Iterator[Path]:
     """A copy of a file under another name, alone in a folder that nobody else can write to.
 
     gmsh executes what it takes for a script by its name or its beginning, and ``NAME.opt`` beside any file;
