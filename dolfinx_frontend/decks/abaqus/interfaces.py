@@ -1,0 +1,593 @@
+"""What joins the pieces of a deck: contact pairs, ties, pre-tension sections, glue, rigid bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.decks.abaqus.cards import Card, DeckError, Row, Where, placed
+from dolfinx_frontend.decks.abaqus.elements import FACES, listed
+from dolfinx_frontend.decks.abaqus.history import History
+from dolfinx_frontend.decks.abaqus.model import Interaction, Model
+from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs
+from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
+from dolfinx_frontend.scene.scene import Scene
+
+__all__ = ["Body", "Faces", "Joints", "cuts_of", "references_of"]
+
+Sides = dict[int, Pairs]
+"""Faces by piece."""
+
+_TOUCHING = 1e-6
+"""Overlap of faces, relative to their size, that is rounding of the deck."""
+
+_FORMULATIONS = ("SURFACE TO SURFACE", "NODE TO SURFACE", "MORTAR", "LINMORTAR", "PGLINMORTAR", "MASSLESS")
+
+_REACH = 0.25
+"""Distance, relative to the size of a facet, up to which faces are looked for unless a deck has more."""
+
+
+class Faces:
+    """Named faces of the pieces: what is asked for is made of faces that do not overlap."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self._asked: list[tuple[str, Sides]] = []
+        self._names: list[dict[int, list[str]]] = []
+        self.of_piece: dict[int, dict[str, Pairs]] = {}
+
+    def ask(self, label: str, sides: Mapping[int, Pairs]) -> int:
+        """Number under which the names of these faces are found later."""
+        wanted = {p: sorted(set(pairs)) for p, pairs in sides.items()}
+        for k, (_, before) in enumerate(self._asked):
+            if before == wanted:
+                return k
+        self._asked.append((label, wanted))
+        return len(self._asked) - 1
+
+    def taken(self) -> set[tuple[int, int]]:
+        """All faces that have been asked for."""
+        return {side for _, sides in self._asked for pairs in sides.values() for side in pairs}
+
+    def divide(self) -> None:
+        """Make faces of all that has been asked for."""
+        asked_by: dict[int, dict[tuple[int, int], list[int]]] = {}
+        for k, (_, sides) in enumerate(self._asked):
+            for p, pairs in sides.items():
+                for side in pairs:
+                    asked_by.setdefault(p, {}).setdefault(side, []).append(k)
+        self._names = [{} for _ in self._asked]
+        for p, of_side in asked_by.items():
+            groups: dict[tuple[int, ...], Pairs] = {}
+            for side, asking in of_side.items():
+                groups.setdefault(tuple(asking), []).append(side)
+            for numbers, pairs in groups.items():
+                name = self.add(p, self._asked[numbers[0]][0], pairs)
+                for k in numbers:
+                    self._names[k].setdefault(p, []).append(name)
+
+    def add(self, p: int, label: str, pairs: Pairs) -> str:
+        """A face of a piece under the name of a label, or one like it."""
+        names = self.of_piece.setdefault(p, {})
+        base = "".join(c if c.isalnum() or c in "._- " else "_" for c in label) or "face"
+        name, number = base, 2
+        while name in names or name == "free":
+            name, number = f"{base}#{number}", number + 1
+        names[name] = pairs
+        return name
+
+    def named(self, asked: int) -> list[tuple[int, str, Pairs]]:
+        """Piece, name and faces of what was asked for."""
+        return [
+            (p, name, self.of_piece[p][name]) for p, names in self._names[asked].items() for name in names
+        ]
+
+    def text(self, p: int, name: str) -> str:
+        """As a scene writes it."""
+        return f"{self.mesh.pieces[p].name}:{name}"
+
+
+@dataclass
+class Joint:
+    """Two surfaces with a law."""
+
+    name: str
+    law: Law
+    first: int
+    second: int
+    reach: float | None
+    card: tuple[Where, str]
+    matching: bool = False
+
+
+@dataclass
+class Body:
+    """A rigid body, or the faces that a force at a point is distributed over."""
+
+    name: str
+    faces: int
+    reference: int
+    turning: int | None
+    rigid: bool
+    card: tuple[Where, str]
+
+
+class Distance(NamedTuple):
+    """Of two surfaces: smallest and largest (negative: overlap), size of the largest facet, and extent."""
+
+    least: float
+    most: float
+    facet: float
+    extent: float
+
+
+def cuts_of(model: Model) -> list[tuple[Card, str, Pairs]]:
+    """Faces of the pre-tension sections: card, name of the surface, faces."""
+    found = []
+    for card in model.joints:
+        if card.keyword != "PRE-TENSION SECTION":
+            continue
+        if card.get("ELEMENT") is not None:
+            model.note("refused", card, "a section in a beam: give the SURFACE of a solid bolt")
+            continue
+        name = card.need("SURFACE")
+        scope, surface = model.root.surface(card, name, card.where)
+        if surface.nodal:
+            raise card.error(f"the surface {name!r} is made of nodes; give one of faces")
+        pairs: Pairs = []
+        for row in surface.card.rows:
+            label = row.words[1].upper() if len(row.words) > 1 else ""
+            pairs += model.face_rows(scope, surface.card, row.words[0], label, row.where)
+        found.append((card, name, pairs))
+    return found
+
+
+def references_of(model: Model) -> frozenset[int]:
+    """Nodes that stand for bolts and bodies."""
+    found: set[int] = set()
+    needed = {"PRE-TENSION SECTION": "NODE", "RIGID BODY": "REFNODE", "COUPLING": "REFNODE"}
+    for card in (*model.joints, *model.couplings):
+        words = [card.need(needed[card.keyword])] if card.keyword in needed else []
+        words += filter(None, [card.get("ROTNODE")])
+        found.update(model.root.one_node(card, word, card.where) for word in words)
+    return frozenset(found)
+
+
+class Joints:
+    """All joints of a deck, as faces that are asked for and laws."""
+
+    def __init__(self, model: Model, mesh: Mesh, history: History, faces: Faces) -> None:
+        self.model, self.mesh, self.history, self.faces = model, mesh, history, faces
+        self.joints: list[Joint] = []
+        self.bodies: list[Body] = []
+
+    def collect(self, cuts: list[tuple[Card, str, Pairs]]) -> None:
+        """Ask for the faces of all joints."""
+        self._glue({side for _, _, pairs in cuts for side in pairs})
+        for card, name, pairs in cuts:
+            self._bolt(card, name, pairs)
+        for card in self.model.joints:
+            if card.keyword == "CONTACT PAIR":
+                for row in card.rows:
+                    self._contact(card, row)
+            elif card.keyword == "TIE":
+                self._tie(card)
+            elif card.keyword == "RIGID BODY":
+                self._rigid_body(card)
+        for card in self.model.couplings:
+            self._coupling(card)
+        used = [c for c in self.model.joints if c.keyword == "CLEARANCE" and "_USED" not in c.parameters]
+        if used:
+            raise used[0].error("there is no contact pair of these surfaces; correct MASTER and SLAVE")
+
+    # --- glue and bolts ---------------------------------------------------------------------------
+    def _glue(self, cut: set[tuple[int, int]]) -> None:
+        """Pieces that share faces are glued there; those that share no more than nodes are refused."""
+        pieces, of = self.mesh.pieces, self.mesh.of_element
+        shared: dict[tuple[int, int], tuple[Pairs, Pairs]] = {}
+        joined: set[tuple[int, int]] = set()
+        for a, b in self.mesh.neighbours.items():
+            p, q = int(of[a[0]]), int(of[b[0]])
+            if p >= q:
+                continue
+            joined.add((p, q))
+            if a not in cut and b not in cut:
+                ours, theirs = shared.setdefault((p, q), ([], []))
+                ours.append(a)
+                theirs.append(b)
+        for (p, q), (ours, theirs) in shared.items():
+            name = f"{pieces[p].name}|{pieces[q].name}"
+            first = self.faces.ask(f"to {pieces[q].name}", {p: ours})
+            second = self.faces.ask(f"to {pieces[p].name}", {q: theirs})
+            card = pieces[p].section.card
+            self._join(name, Perfect(), first, second, None, card, card.where, matching=True)
+        groups = list(range(len(pieces)))
+        for p, q in joined:
+            low, high = sorted((groups[p], groups[q]))
+            groups = [low if g == high else g for g in groups]
+        for node, members in self.mesh.pieces_of_node.items():
+            if len({groups[p] for p in members}) > 1:
+                one, two = (pieces[p].name for p in members[:2])
+                raise pieces[members[0]].section.card.error(
+                    f"{one!r} and {two!r} share node {self.model.node_names[node]}, but no face: "
+                    "they hang together at points or edges only; connect them by faces, or give each its own "
+                    "nodes"
+                )
+
+    def _bolt(self, card: Card, name: str, pairs: Pairs) -> None:
+        mesh, history = self.mesh, self.history
+        others = []
+        for side in pairs:
+            if side not in mesh.neighbours:
+                raise card.error(f"a face of {name!r} is outside of the bolt; cut between two elements")
+            if not mesh.outside(side):
+                raise card.error(f"{name!r} does not cut the bolt through: the elements on both sides are "
+                                 "connected elsewhere; let it go through the whole section")
+            others.append(mesh.neighbours[side])
+        first, second = self._by_piece(pairs), self._by_piece(others)
+        if len(first) != 1 or len(second) != 1:
+            raise card.error(f"{name!r} cuts several parts; give each a section of its own")
+        sign = self._direction(card, pairs)
+        node = self.model.root.one_node(card, card.need("NODE"), card.where)
+        force, length = history.curves.get(("f", node, 1)), history.curves.get(("u", node, 1))
+        others_of = [history.curves.get((kind, node, k), ()) for kind in "uf" for k in range(2, 7)]
+        if any(v for curve in others_of for _, v in curve):
+            raise card.error(f"node {self.model.node_names[node]} of a bolt takes loads along 1 only")
+        locked = history.fixed.get(node)
+        if force is not None and length is not None:
+            raise card.error("the bolt has a force and a displacement; give one, and FIXED later")
+        law: Law
+        if length is not None:
+            law = Preload(shortening=history.value(length) * sign)
+        else:
+            given = history.value(force if force is not None else ((0.0, 0.0),)) * sign
+            until = None
+            if locked is not None:
+                if force is not None and max(history.forced["f", node, 1]) >= locked:
+                    raise card.error(f"the bolt gets a force in step {locked} or later, where it is FIXED")
+                if locked == 1:
+                    raise card.error("the bolt is FIXED in the first step; tighten it before")
+                until = history.steps[locked - 1].start
+            law = Preload(force=given, until=until)
+        one, two = self.faces.ask(name, first), self.faces.ask(f"{name} cut", second)
+        self._join(name, law, one, two, None, card, card.where, matching=True)
+
+    def _by_piece(self, pairs: Pairs) -> Sides:
+        out: Sides = {}
+        for side in pairs:
+            out.setdefault(int(self.mesh.of_element[side[0]]), []).append(side)
+        return out
+
+    def _direction(self, card: Card, pairs: Pairs) -> float:
+        """Of positive forces: 1 for tension, -1 for compression."""
+        if not card.rows:
+            return 1.0
+        given = np.array(card.numbers(card.rows[0], 3, "direction"))
+        mean = np.mean([self._plane(side)[1] for side in pairs], axis=0)
+        size = float(np.linalg.norm(given) * np.linalg.norm(mean))
+        cosine = float(given @ mean) / size if size else 0.0
+        if abs(cosine) < 0.999:
+            raise card.error("its direction is not the normal of the section; leave it out")
+        return math.copysign(1.0, cosine)
+
+    # --- contact ------------------------------------------------------------------------------------
+    def _surfaces(self, card: Card, row: Row) -> tuple[list[str], list[Sides]]:
+        if len(row.words) < 2 or not row.words[1]:
+            raise card.error("one surface only, contact with itself is not read; name two", row.where)
+        names = [w.upper() for w in row.words[:2]]
+        return names, [self.mesh.sides(self.model.root, card, w, row.where) for w in names]
+
+    def _contact(self, card: Card, row: Row) -> None:
+        names, (slave, master) = self._surfaces(card, row)
+        interaction = self.model.interactions.get(card.need("INTERACTION"))
+        if interaction is None:
+            known = ", ".join(self.model.interactions) or "none"
+            wanted = card.get("INTERACTION")
+            raise card.error(f"there is no interaction {wanted!r} (known: {known}); define it")
+        self._formulation(card)
+        apart = self._distance(slave, master)
+        gap = self._gap(card, row, names, apart)
+        law = self._law(interaction, gap, apart)
+        first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
+        if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
+            raise card.error("both surfaces are the same; name two", row.where)
+        reach = apart.least + _REACH * apart.facet if gap is None else max(apart.most, 0.0)
+        self._join(f"{names[0]}|{names[1]}", law, first, second, reach, card, row.where)
+
+    def _join(
+        self,
+        name: str,
+        law: Law,
+        first: int,
+        second: int,
+        reach: float | None,
+        card: Card,
+        where: Where,
+        matching: bool = False,
+    ) -> None:
+        self.joints.append(Joint(name, law, first, second, reach, (where, card.keyword), matching))
+
+    def _formulation(self, card: Card) -> None:
+        kind = card.get("TYPE") or "NODE TO SURFACE"
+        kind = " ".join(kind.split())
+        if kind not in _FORMULATIONS:
+            raise card.error(f"TYPE = {kind!r}; give SURFACE TO SURFACE, NODE TO SURFACE or MORTAR")
+        if "MORTAR" not in kind:
+            self.model.note("changed", card, f"{kind}: discretised by mortar multipliers")
+        self.model.note("changed", card, "sliding is small: faces meet where they are meshed")
+
+    def _gap(self, card: Card, row: Row, names: list[str], apart: Distance) -> float | None:
+        """The gap that the deck states; None: as meshed."""
+        for other in self.model.joints:
+            if other.keyword == "CLEARANCE" and [other.need("SLAVE"), other.need("MASTER")] == names:
+                other.parameters["_USED"] = ""
+                return other.number(Row(other.where, [other.need("VALUE")]), 0, "VALUE")
+        word = card.get("ADJUST")
+        if word is None or not word or word == "NO":
+            return None
+        try:
+            tolerance = card.number(Row(card.where, [word]), 0, "ADJUST")
+        except DeckError:
+            self.model.root.node_rows(card, word, row.where)
+            self.model.note("changed", card, f"ADJUST={word}: all faces of the pair touch")
+            return 0.0
+        if apart.most > tolerance * (1.0 + 1e-6) + _TOUCHING * apart.extent:
+            raise card.error(
+                f"ADJUST = {tolerance:g} closes a part of the gap only, which is up to {apart.most:.4g}: "
+                "give a larger one, or take it out", row.where
+            )
+        return 0.0
+
+    def _law(self, interaction: Interaction, gap: float | None, apart: Distance) -> Law:
+        stiffness, tied = self._behavior(interaction)
+        friction, stick = self._friction(interaction)
+        if tied:
+            return Elastic(normal=stiffness, tangential=stick or stiffness)
+        inside = gap is None and apart.least < -_TOUCHING * apart.extent
+        return Contact(gap=gap, friction=friction, stiffness=stiffness, interference=inside)
+
+    def _behavior(self, interaction: Interaction) -> tuple[float | None, bool]:
+        """Contact stiffness (None: rigid), and whether faces are tied by it."""
+        card = interaction.behavior
+        if card is None:
+            return None, False
+        kind = card.get("PRESSURE-OVERCLOSURE") or "HARD"
+        if kind == "HARD":
+            return None, False
+        if not card.rows:
+            raise card.error(f"{kind} without numbers; give them in the next line")
+        row = card.rows[0]
+        if kind in ("LINEAR", "TIED"):
+            stiffness = card.number(row, 0, "stiffness")
+        elif kind == "EXPONENTIAL":
+            # p = p0 exp(ln(100) overclosure / c0): its slope where the faces touch
+            c0, p0 = card.number(row, 0, "clearance"), card.number(row, 1, "pressure")
+            stiffness = p0 * math.log(100.0) / c0 if c0 else 0.0
+        elif kind == "TABULAR":
+            table = [(card.number(r, 0, "pressure"), card.number(r, 1, "overclosure")) for r in card.rows]
+            if len(table) != 2 or table[0] != (0.0, 0.0) or table[1][1] <= 0.0:
+                raise card.error("a table of more than one slope from 0, 0 on is not read; give LINEAR")
+            stiffness = table[1][0] / table[1][1]
+        else:
+            raise card.error(f"{kind!r}; give HARD, LINEAR, EXPONENTIAL, TABULAR or TIED")
+        if stiffness <= 0.0:
+            raise card.error(f"its stiffness is {stiffness:g}; it is > 0", row.where)
+        if kind != "TIED":
+            self.model.note("changed", card, f"{kind}: a contact stiffness of {stiffness:.6g} per area")
+        return stiffness, kind == "TIED"
+
+    def _friction(self, interaction: Interaction) -> tuple[float | None, float | None]:
+        """Coefficient of friction, and the stiffness of sticking points."""
+        card = interaction.friction
+        if card is None:
+            return None, None
+        if "ROUGH" in card.parameters:
+            self.model.note("refused", card, "ROUGH: give a coefficient")
+            return None, None
+        if not card.rows:
+            raise card.error("friction without a coefficient; give it in the next line")
+        mu = card.number(card.rows[0], 0, "friction coefficient")
+        if mu < 0.0:
+            raise card.error(f"the coefficient {mu:g} is negative; it is >= 0", card.rows[0].where)
+        stick = card.number(card.rows[0], 1, "stick slope", 0.0) or None
+        if stick:
+            self.model.note("changed", card, f"stick slope {stick:g}: sticking points do not move")
+        if len(card.rows) > 1:
+            self.model.note("refused", card, "friction that depends on anything; give one coefficient")
+        return mu or None, stick
+
+    # --- ties and bodies ----------------------------------------------------------------------------
+    def _tie(self, card: Card) -> None:
+        if {"CYCLICSYMMETRY", "MULTISTAGE"} & set(card.parameters):
+            self.model.note("refused", card, "CYCLIC SYMMETRY: model a sector between symmetry planes")
+            return
+        name = card.need("NAME")
+        if not card.rows:
+            raise card.error("it has no surfaces; name two in the next line")
+        for row in card.rows:
+            _, (slave, master) = self._surfaces(card, row)
+            word = card.get("POSITIONTOLERANCE")
+            reach = None if word is None else card.number(Row(card.where, [word]), 0, "POSITION TOLERANCE")
+            if reach is None:
+                apart = self._distance(slave, master)
+                reach = max(apart.least, 0.0) + _REACH * apart.facet
+            names = [w.upper() for w in row.words[:2]]
+            first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
+            self._join(name, Perfect(), first, second, reach, card, row.where)
+
+    def _rigid_body(self, card: Card) -> None:
+        root, mesh = self.model.root, self.mesh
+        if card.get("NSET", "PINNSET", "TIENSET") is not None:
+            word = card.need("NSET", "PINNSET", "TIENSET")
+            sides = self._of_nodes(card, root.node_rows(card, word, card.where), card.where)
+        else:
+            word = card.need("ELSET")
+            members = set(root.element_rows(card, word, card.where))
+            sides = {}
+            for p, piece in enumerate(mesh.pieces):
+                pairs = [side for side in piece.exterior if side[0] in members]
+                if pairs:
+                    sides[p] = pairs
+        turning = card.get("ROTNODE")
+        self._body(card, f"rigid {word}", sides, "REFNODE", turning, True)
+
+    def _of_nodes(self, card: Card, nodes: list[int], where: Where) -> Sides:
+        """Faces of which all nodes are among some, and which have all of them."""
+        wanted = set(nodes)
+        found = {p: self.mesh.at_nodes(piece, wanted) for p, piece in enumerate(self.mesh.pieces)}
+        sides = {p: pairs for p, pairs in found.items() if pairs}
+        rest = wanted - {n for pairs in sides.values() for side in pairs for n in self.mesh.face(side)}
+        rest -= self.history.references
+        if rest or not sides:
+            names = ", ".join(self.model.node_names[n] for n in sorted(rest)[:3])
+            raise card.error(f"its nodes ({names}) do not make up whole faces; name those of faces", where)
+        return sides
+
+    def _body(
+        self, card: Card, name: str, sides: Sides, reference: str, turning: str | None, rigid: bool
+    ) -> None:
+        root = self.model.root
+        node = root.one_node(card, card.need(reference), card.where)
+        turn = None if turning is None else root.one_node(card, turning, card.where)
+        asked = self.faces.ask(name, sides)
+        self.bodies.append(Body(name, asked, node, turn, rigid, (card.where, card.keyword)))
+
+    def _coupling(self, card: Card) -> None:
+        kind = card.get("_KIND")
+        if kind is None:
+            raise card.error("*KINEMATIC or *DISTRIBUTING has to follow; add it")
+        word = card.need("SURFACE")
+        scope, surface = self.model.root.surface(card, word, card.where)
+        if surface.nodal:
+            nodes = [n for r in surface.card.rows for n in scope.node_rows(surface.card, r.words[0], r.where)]
+            sides = self._of_nodes(card, nodes, card.where)
+        else:
+            sides = self.mesh.sides(self.model.root, card, word, card.where)
+        held: set[int] = set()
+        for row in card.rows:
+            first = card.whole(row, 0, "first component")
+            held |= set(range(first, card.whole(row, 1, "last component", default=first) + 1))
+        count = self.mesh.pieces[0].kind.dim
+        if kind == "KINEMATIC" and held and not set(range(1, count + 1)) <= held:
+            self.model.note("refused", card, f"KINEMATIC of components {sorted(held)}: couple all")
+        name = f"coupling {card.get('CONSTRAINTNAME') or word}"
+        self._body(card, name, sides, "REFNODE", None, kind == "KINEMATIC")
+
+    # --- geometry ---------------------------------------------------------------------------------
+    def _plane(self, side: tuple[int, int]) -> tuple[Array, Array, float]:
+        """Centre, outward normal and size of a face."""
+        e, f = side
+        dim = self.mesh.kind(e).dim
+        corners = self.mesh.x[self.mesh.face(side)[: len(FACES[self.mesh.kind(e).cell][f])]]
+        centre = corners.mean(axis=0)
+        if dim == 2:
+            along = corners[1] - corners[0]
+            normal = np.array([along[1], -along[0], 0.0])
+        else:
+            normal = np.cross(corners[1] - corners[0], corners[-1] - corners[0])
+        inside = self.mesh.x[list(self.model.elements[e].nodes)].mean(axis=0)
+        normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
+        size = float(np.linalg.norm(corners - centre, axis=1).max())
+        return centre, normal if normal @ (centre - inside) > 0.0 else -normal, size
+
+    def _distance(self, slave: Sides, master: Sides) -> Distance:
+        """Of the nodes of one surface from the facets of the other that they lie over."""
+        x = self.mesh.x
+        nodes = np.unique([n for pairs in slave.values() for side in pairs for n in self.mesh.face(side)])
+        planes = [self._plane(side) for pairs in master.values() for side in pairs]
+        sizes = [self._plane(side)[2] for pairs in slave.values() for side in pairs] + [p[2] for p in planes]
+        centres = np.array([p[0] for p in planes])
+        normals, radii = np.array([p[1] for p in planes]), np.array([p[2] for p in planes])
+        count = min(4, len(planes))
+        away, nearest = cKDTree(centres).query(x[nodes], k=[*range(1, count + 1)])
+        offset = x[nodes][:, None] - centres[nearest]
+        gaps = np.einsum("nkd,nkd->nk", offset, normals[nearest])
+        beside = np.sqrt(np.maximum(away**2 - gaps**2, 0.0))
+        gaps = np.where(beside <= 1.05 * radii[nearest], gaps, np.nan)
+        over = ~np.all(np.isnan(gaps), axis=1)
+        facet, extent = 2.0 * max(sizes), float(np.ptp(x[nodes], axis=0).max())
+        if not over.any():
+            least = max(float(away[:, 0].min()) - float(radii.max()), 0.0)
+            return Distance(least, least, facet, extent)
+        closest = np.nanargmin(np.abs(gaps[over]), axis=1)[:, None]
+        found = np.take_along_axis(gaps[over], closest, axis=1)[:, 0]
+        return Distance(float(found.min()), float(found.max()), facet, extent)
+
+    # --- into a scene ---------------------------------------------------------------------------------
+    def put(self, scene: Scene) -> None:
+        """Add the interfaces and rigid bodies to a scene that has the parts."""
+        used: set[str] = set()
+        for joint in self.joints:
+            pairs = [
+                (a, b) for a in self.faces.named(joint.first) for b in self.faces.named(joint.second)
+            ]
+            near = [pair for pair in pairs if len(pairs) == 1 or self._near(joint, *pair)]
+            for (p, one, ours), (q, two, theirs) in near:
+                with placed(*joint.card):
+                    scene.interface(
+                        _unused(joint.name, used), self.faces.text(p, one), self.faces.text(q, two),
+                        joint.law, **self._settings(joint, ours, theirs),
+                    )
+        for body in self.bodies:
+            with placed(*body.card):
+                self._put_body(scene, body, used)
+
+    def _settings(self, joint: Joint, ours: Pairs, theirs: Pairs) -> dict[str, Any]:
+        if joint.matching:
+            return {}
+        if joint.reach is None:
+            return {"overlap": "partial"}
+        largest = 2.0 * max(self._plane(side)[2] for side in (*ours, *theirs))
+        share = joint.reach / largest
+        return {"overlap": "partial"} | ({"max_distance": 1.01 * share} if share > _REACH else {})
+
+    def _near(self, joint: Joint, a: tuple[int, str, Pairs], b: tuple[int, str, Pairs]) -> bool:
+        """Whether two faces of several can meet."""
+        one, two = ({p: pairs} for p, _, pairs in (a, b))
+        apart = self._distance(one, two)
+        shared = self._distance(two, one)
+        reach = max(joint.reach or 0.0, _REACH * apart.facet)
+        return min(abs(apart.least), abs(shared.least)) <= reach
+
+    def _put_body(self, scene: Scene, body: Body, used: set[str]) -> None:
+        curves, value = self.history.curves, self.history.value
+        dim = self.mesh.pieces[0].kind.dim
+        keys = {(body.reference, k): k for k in range(1, 7)}
+        if body.turning is not None:
+            keys |= {(body.turning, k): k + 3 for k in range(1, 4)}
+        allowed = (1, 2, 6) if dim == 2 else range(1, 7)
+        keys = {key: k for key, k in keys.items() if k in allowed}
+        motions, loads = (
+            {k: value(curves[kind, *key]) for key, k in keys.items() if (kind, *key) in curves}
+            for kind in "uf"
+        )
+        faces = self.faces.named(body.faces)
+        names = [self.faces.text(p, name) for p, name, _ in faces]
+        x = tuple(listed(self.mesh.x[body.reference, :dim]))
+        name = _unused(body.name, used)
+        if not body.rigid and (motions or len(names) > 1):
+            raise SceneError("a distributing coupling takes forces on one part, no motions; use *KINEMATIC")
+        if body.rigid:
+            given = {("x", "y", "z", "rx", "ry", "rz")[k - 1]: v for k, v in motions.items()}
+            scene.rigid(names, point=x, name=name, **given)
+        force = tuple(loads.get(k, 0.0) for k in range(1, dim + 1))
+        moment = loads.get(6) if dim == 2 else tuple(loads.get(k, 0.0) for k in range(4, 7))
+        turned = any(k > 3 for k in loads)
+        if loads:
+            scene.force(names[0], force, moment if turned else None, x, f"force on {name}")
+
+
+def _unused(name: str, used: set[str]) -> str:
+    base = "".join(c if c.isprintable() and c != ":" else "_" for c in name)
+    found, number = base, 2
+    while found in used:
+        found, number = f"{base}#{number}", number + 1
+    used.add(found)
+    return found

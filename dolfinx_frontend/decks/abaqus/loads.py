@@ -1,0 +1,322 @@
+"""Supports, forces, pressures, body forces and temperatures of a deck, put into a scene."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from dolfinx import fem, geometry
+from dolfinx import mesh as dmesh
+from scipy.spatial import cKDTree
+
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.compat import coordinate_map
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.decks.abaqus.cards import placed
+from dolfinx_frontend.decks.abaqus.elements import listed
+from dolfinx_frontend.decks.abaqus.history import Curve, Given, History
+from dolfinx_frontend.decks.abaqus.interfaces import Faces
+from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs, Piece
+from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
+from dolfinx_frontend.scene.scene import Scene
+
+__all__ = ["Loads"]
+
+_NEAR = 1e-6
+"""Distance, relative to the part, within which a point is a node."""
+
+_VARIES = -2
+"""In place of the number of a curve: the nodes of a face have several."""
+
+
+class Nodal:
+    """Values at the nodes of a part as a function of points: what its cells make of them."""
+
+    def __init__(self, mesh: dmesh.Mesh, x: Array, values: Array) -> None:
+        size = float(np.ptp(x, axis=0).max())
+        tree, d = cKDTree(x), x.shape[1]
+
+        def at(points: Array) -> Array:
+            away, row = tree.query(points[:d].T)
+            assert away.max(initial=0.0) <= _NEAR * size
+            return np.asarray(values[row].T)
+
+        order = int(coordinate_map(mesh).degree)
+        self._field = fem.Function(fem.functionspace(mesh, ("Lagrange", order, (values.shape[1],))))
+        self._field.interpolate(at)
+        self._tree = geometry.bb_tree(mesh, mesh.topology.dim, padding=_NEAR * size)
+        self._mesh = mesh
+
+    def __call__(self, x: Array) -> Array:
+        points = np.zeros((len(x), 3))
+        points[:, : x.shape[1]] = x
+        candidates = geometry.compute_collisions_points(self._tree, points)
+        inside = geometry.compute_colliding_cells(self._mesh, candidates, points)
+        cells = np.empty(len(x), dtype=np.int32)
+        for k in range(len(x)):
+            found = inside.links(k) if len(inside.links(k)) else candidates.links(k)
+            if not len(found):
+                raise SceneError("the values of a deck are asked for outside of its part: keep its meshes")
+            cells[k] = found[0]
+        return np.reshape(self._field.eval(points, cells), (len(x), -1))
+
+
+class Loads:
+    """All that acts on the pieces of a deck."""
+
+    def __init__(self, mesh: Mesh, history: History, faces: Faces) -> None:
+        self.mesh, self.history, self.faces = mesh, history, faces
+        self.model = mesh.model
+        self.dim = mesh.pieces[0].kind.dim
+        self._pressures: list[tuple[Curve, Given, int]] = []
+        self._supports: list[tuple[int, str, tuple[int, ...], Curve | None, Given]] = []
+        self._points: list[tuple[int, int, tuple[int, ...], Curve, Given]] = []
+        self._used: set[str] = set()
+        self._held = np.full((0, 3), -1, dtype=np.int64)
+        self._curves: list[Curve] = []
+        self._givers: dict[int, Given] = {}
+
+    # --- faces that are needed --------------------------------------------------------------------
+    def ask(self) -> None:
+        """Ask for the faces of pressures."""
+        groups: dict[tuple[int, Curve, str], Pairs] = {}
+        for key, curve in self.history.curves.items():
+            if key[0] != "p" or not any(v for _, v in curve):
+                continue
+            given = self.history.given[key]
+            if not self.mesh.outside((key[1], key[2])):
+                raise given.error("a pressure on a face inside of a part; give outer faces")
+            p = int(self.mesh.of_element[key[1]])
+            groups.setdefault((p, curve, given.target), []).append((key[1], key[2]))
+        for (p, curve, target), pairs in groups.items():
+            given = self.history.given["p", *pairs[0]]
+            self._pressures.append((curve, given, self.faces.ask(target, {p: pairs})))
+
+    def divide(self) -> None:
+        """Make faces of the nodes that are held, outside of those that joints and pressures have."""
+        number: dict[Curve, int] = {}
+        self._held = np.full((len(self.model.x), 3), -1, dtype=np.int64)
+        for key, curve in self.history.curves.items():
+            if key[0] != "u" or key[1] in self.history.references or key[2] > self.dim:
+                continue
+            if curve not in number:
+                number[curve] = len(self._curves)
+                self._curves.append(curve)
+            self._held[key[1], key[2] - 1] = number[curve]
+            self._givers[key[1]] = self.history.given[key]
+        taken = self.faces.taken()
+        for p, piece in enumerate(self.mesh.pieces):
+            held = [n for n in listed(piece.nodes) if n in self._givers]
+            if not held:
+                continue
+            covered = self._held_faces(p, piece, taken)
+            for node in held:
+                self._held_point(p, node, self._held[node], covered.get(node, set()), self._givers[node])
+            self._held_middles(p, piece, taken)
+
+    def _held_faces(self, p: int, piece: Piece, taken: set[tuple[int, int]]) -> dict[int, set[int]]:
+        """Faces of which all nodes are held; returns the components that they hold at each node."""
+        count = len(self._held)
+        groups: dict[tuple[int, ...], Pairs] = {}
+        for side in piece.exterior:
+            if side in taken:
+                continue
+            found = self._held[[n for n in self.mesh.face(side) if n < count]]
+            signature = tuple(
+                -1 if (column < 0).any() else int(column[0]) if (column == column[0]).all() else _VARIES
+                for column in found.T
+            )
+            if any(s != -1 for s in signature):
+                groups.setdefault(signature, []).append(side)
+        covered: dict[int, set[int]] = {}
+        for signature, pairs in groups.items():
+            on = [n for side in pairs for n in self.mesh.face(side)]
+            label = Counter(self._givers[n].target for n in on if n < count).most_common(1)[0][0]
+            given = next(self._givers[n] for n in on if self._givers[n].target == label)
+            name = self.faces.add(p, label, pairs)
+            for n in on:
+                covered.setdefault(n, set()).update(c for c in range(3) if signature[c] != -1)
+            for s, components in _alike(signature).items():
+                self._supports.append((p, name, components, None if s == _VARIES else self._curves[s], given))
+        return covered
+
+    def _held_middles(self, p: int, piece: Piece, taken: set[tuple[int, int]]) -> None:
+        """Hold the nodes that were added at the middle of faces that joints have, and that are held."""
+        for side in piece.exterior:
+            nodes = self.mesh.face(side)
+            if side in taken and nodes[-1] >= len(self._held) and nodes[0] in self._givers:
+                found = self._held[nodes[:-1]]
+                same = np.where((found == found[0]).all(axis=0), found[0], -1)
+                self._held_point(p, nodes[-1], same, set(), self._givers[nodes[0]])
+
+    def _held_point(self, p: int, node: int, numbers: Ints, covered: set[int], given: Given) -> None:
+        rest = tuple(-1 if c in covered else s for c, s in enumerate(listed(numbers)))
+        for s, components in _alike(rest).items():
+            self._points.append((p, node, components, self._curves[s], given))
+
+    def _nodal(self, scene: Scene, piece: Piece, curves: Mapping[int, tuple[Curve, ...]], count: int) -> Any:
+        """A field of some components, of node -> curves: a function of the points, or a sum of amplitudes
+        times some."""
+        history, rest = self.history, (((0.0, 0.0),),) * count
+        total = len(self.model.x)
+        own = {n: curves.get(n, rest) for n in listed(piece.nodes[piece.nodes < total])}
+        distinct = {curve for each in own.values() for curve in each}
+        times = sorted({t for curve in distinct for t, _ in curve})
+        if history.static:
+            times = times[-1:]
+        mesh, x = scene.substructures[piece.name].part.mesh, self.mesh.x[piece.nodes][:, : self.dim]
+        terms: list[tuple[Amplitude, Nodal]] = []
+        for k, t in enumerate(times):
+            at = {curve: float(np.interp(t, *np.array(curve).T)) for curve in distinct}
+            values = np.zeros((total, count))
+            for n, each in own.items():
+                values[n] = [at[curve] for curve in each]
+            field = Nodal(mesh, x, self.mesh.extended(values)[piece.nodes])
+            if len(times) == 1:
+                return field
+            near = range(max(k - 1, 0), min(k + 2, len(times)))
+            terms.append((Amplitude([times[j] for j in near], [float(j == k) for j in near]), field))
+        return Varying(tuple(terms))
+
+    # --- into a scene ---------------------------------------------------------------------------------
+    def _name(self, label: str) -> str:
+        base, number = "".join(c if c.isprintable() and c != ":" else "_" for c in label), 2
+        name = base
+        while name in self._used:
+            name, number = f"{base}#{number}", number + 1
+        self._used.add(name)
+        return name
+
+    def put(
+        self, scene: Scene, densities: Mapping[str, float], alphas: Mapping[str, Any], thickness: float
+    ) -> None:
+        """Add all to a scene that has the parts and the joints."""
+        self._used = set(scene.interfaces) | set(scene.loads)
+        zero: Curve = ((0.0, 0.0),)
+        by_node: dict[int, tuple[Curve, ...]] = {
+            n: tuple(self._curves[k] if k >= 0 else zero for k in listed(self._held[n, : self.dim]))
+            for n in self._givers
+        }
+        for p, name, components, curve, given in self._supports:
+            with placed(given.row.where, given.card.keyword):
+                value = (
+                    self._nodal(scene, self.mesh.pieces[p], by_node, self.dim) if curve is None
+                    else self.history.value(curve)
+                )
+                scene.fix(self.faces.text(p, name), value, components, self._name(name))
+        for p, node, components, curve, given in self._points:
+            x = listed(self.mesh.x[node, : self.dim])
+            with placed(given.row.where, given.card.keyword):
+                value = self.history.value(curve)
+                name = self._name(f"{given.target} node")
+                scene.fix_point(self.mesh.pieces[p].name, x, value, components, name)
+        for curve, given, asked in self._pressures:
+            for p, face, _ in self.faces.named(asked):
+                with placed(given.row.where, given.card.keyword):
+                    value = self.history.value(curve) * thickness
+                    scene.pressure(self.faces.text(p, face), value, self._name(f"pressure {given.target}"))
+        self._forces(scene)
+        self._body_forces(scene, densities, thickness)
+        self._temperatures(scene, alphas)
+
+    def _forces(self, scene: Scene) -> None:
+        by_node: dict[int, dict[int, Curve]] = {}
+        for key, curve in self.history.curves.items():
+            if key[0] == "f" and key[1] not in self.history.references and any(v for _, v in curve):
+                by_node.setdefault(key[1], {})[key[2]] = curve
+        for node, curves in by_node.items():
+            given = self.history.given["f", node, min(curves)]
+            if max(curves) > self.dim:
+                raise given.error(f"component {max(curves)} of a node of a solid; give forces along axes")
+            if node not in self.mesh.pieces_of_node:
+                raise given.error(f"node {self.model.node_names[node]} belongs to no element")
+            p = self.mesh.pieces_of_node[node][0]
+            zero: Curve = ((0.0, 0.0),)
+            x = listed(self.mesh.x[node, : self.dim])
+            with placed(given.row.where, given.card.keyword):
+                force = tuple(self.history.value(curves.get(k, zero)) for k in range(1, self.dim + 1))
+                scene.point_force(self.mesh.pieces[p].name, x, force, self._name(f"force {given.target}"))
+
+    def _body_forces(self, scene: Scene, densities: Mapping[str, float], thickness: float) -> None:
+        groups: dict[tuple[Any, ...], set[int]] = {}
+        for key, curve in self.history.curves.items():
+            if key[0] == "b" and any(v for _, v in curve):
+                p = int(self.mesh.of_element[key[3]])
+                groups.setdefault((p, key[1], key[2], curve), set()).add(key[3])
+        for (p, label, axis, curve), members in groups.items():
+            piece = self.mesh.pieces[p]
+            given = self.history.given["b", label, axis, min(members)]
+            density = densities.get(piece.name)
+            if density is None:
+                raise given.error(f"{label} on {piece.name!r}, whose material has no *DENSITY; give it one")
+            if len(members) < len(piece.elements):
+                raise given.error(f"{label} on some elements of {piece.name!r}: give it to all of them, or "
+                                  "the others a *SOLID SECTION of their own")
+            value, name = self.history.value(curve), self._name(f"{label} {piece.name}")
+            direction = np.array(axis[-3:]) / np.linalg.norm(axis[-3:])
+            if label == "GRAV":
+                force = tuple(value * float(density * thickness * c) for c in direction[: self.dim])
+                scene.body_force(piece.name, force, name)
+            else:
+                field = _outward(density * thickness, np.array(axis[:3]), direction)
+                scene.body_force(piece.name, _times(value, field), name)
+
+    def _temperatures(self, scene: Scene, alphas: Mapping[str, Any]) -> None:
+        curves = {key[1]: curve for key, curve in self.history.curves.items() if key[0] == "T"}
+        if not curves:
+            return
+        start = self.history.start_temperatures
+        rest: Curve = ((0.0, 0.0),)
+        rises = {n: tuple((t, v - start.get(n, 0.0)) for t, v in curve) for n, curve in curves.items()}
+        for piece in self.mesh.pieces:
+            own = listed(piece.nodes[piece.nodes < len(self.model.x)])
+            found = {rises.get(n, rest) for n in own}
+            if not any(v for curve in found for _, v in curve):
+                continue
+            alpha = alphas.get(piece.name)
+            if alpha is None:  # it does not expand
+                continue
+            name = self._name(f"temperature {piece.name}")
+            if len(found) == 1:
+                scene.temperature(piece.name, self.history.value(found.pop()), alpha, name=name)
+                continue
+            field = self._nodal(scene, piece, {n: (curve,) for n, curve in rises.items()}, 1)
+            scene.temperature(piece.name, _first_of(field), alpha, name=name)
+
+
+def _alike(signature: tuple[int, ...]) -> dict[int, tuple[int, ...]]:
+    """Components by number, without those of -1."""
+    found = {s: tuple(c for c, other in enumerate(signature) if other == s) for s in signature}
+    return {s: components for s, components in found.items() if s != -1}
+
+
+def _outward(weight: float, origin: Array, axis: Array) -> Callable[[Array], Array]:
+    """Density times the distance from an axis, outward."""
+
+    def force(x: Array) -> Array:
+        d = x.shape[1]
+        arm = np.zeros((len(x), 3))
+        arm[:, :d] = x
+        arm -= origin
+        return np.asarray(weight * (arm - np.outer(arm @ axis, axis))[:, :d])
+
+    return force
+
+
+def _times(value: Any, shape: Callable[[Array], Array]) -> Any:
+    """A number, or an amplitude times one, times a function of the points."""
+    if isinstance(value, Varying):
+        ((amplitude, size),) = value.terms
+        assert amplitude is not None
+        return amplitude * (lambda x: float(size) * shape(x))
+    return lambda x: float(value) * shape(x)
+
+
+def _first_of(field: Any) -> Any:
+    """The only component of a field, or of each term of a sum."""
+    if isinstance(field, Varying):
+        terms = tuple((amplitude, _first_of(each)) for amplitude, each in field.terms)
+        return Varying(terms)
+    return lambda x: field(x)[:, 0]
