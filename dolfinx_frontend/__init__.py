@@ -89,11 +89,19 @@ from latin_core import __version__ as __version__
 
 _keep_broken_pipes()
 
-_DEFERRED = {"figures": "figures", "sheets": "sheets", "Report": "sheets.report", "report": "sheets.report"}
-"""Name -> module that is loaded when it is asked for: who solves draws nothing."""
+_DEFERRED = {
+    "figures": "figures",
+    "sheets": "sheets",
+    "Report": "sheets.report",
+    "report": "sheets.report",
+    "InpDeck": "decks.abaqus.deck",
+    "read_inp": "decks.abaqus.deck",
+}
+"""Name -> module that is loaded when it is asked for: who solves draws nothing, and reads no deck."""
 
 if _TYPE_CHECKING:
     from dolfinx_frontend import figures
+    from dolfinx_frontend.decks.abaqus.deck import InpDeck, read_inp
     from dolfinx_frontend.sheets.report import Report, report
 else:
 
@@ -133,6 +141,7 @@ __all__ = [
     "Gamma",
     "HistoryResult",
     "IndefiniteError",
+    "InpDeck",
     "Interface",
     "KinkWarning",
     "Law",
@@ -196,6 +205,7 @@ __all__ = [
     "monte_carlo",
     "progress",
     "quasi_monte_carlo",
+    "read_inp",
     "read_step",
     "reference",
     "reliability",

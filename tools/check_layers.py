@@ -260,6 +260,19 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "pictures",
         "report",
     ),
+    "decks": (
+        "abaqus.keywords",
+        "abaqus.cards",
+        "abaqus.elements",
+        "abaqus.model",
+        "abaqus.history",
+        "abaqus.pieces",
+        "abaqus.interfaces",
+        "abaqus.materials",
+        "abaqus.loads",
+        "abaqus.deck",
+        "abaqus",
+    ),
 }
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
 

@@ -1,0 +1,191 @@
+"""Decks that are damaged: an error with file, line and card, or the answer of what the deck now says."""
+
+from __future__ import annotations
+
+import random
+import re
+from pathlib import Path
+
+import pytest
+
+import dolfinx_frontend as lf
+from dolfinx_frontend.decks.abaqus.cards import DeckError
+from tests.decks.decks import STEEL, Brick
+
+LINE = re.compile(r"\w+\.inp(:\d+)?: ")
+WORDS = ("", "nan", "inf", "-1", "0", "1e999", "abc", "99999999999999999999", "1", "2", "-5.", "*",
+         "3, 4", "1_0")
+
+
+def whole_deck() -> str:
+    """A deck with most keywords."""
+    low = Brick("C3D8", "LOW", (4.0, 4.0, 2.0), (1, 1, 2))
+    high = Brick("C3D20R", "HIGH", (4.0, 4.0, 2.0), (2, 1, 1), (0, 0, 2), 200)
+    return f"""\
+*HEADING
+a deck
+{low.text()}{high.text()}{STEEL}*EXPANSION
+1.2E-5
+*DENSITY
+7.8E-9
+*AMPLITUDE, NAME=SAW
+0., 0., .5, 2., 1., 1.
+*SURFACE, NAME=CUT
+ELOW_Z0, S2
+*NODE
+900, 0., 0., 0.
+901, 2., 2., 9.
+*PRE-TENSION SECTION, SURFACE=CUT, NODE=900
+*COUPLING, REF NODE=901, SURFACE=SHIGH_X1, CONSTRAINT NAME=C
+*DISTRIBUTING
+1, 3
+*SURFACE INTERACTION, NAME=DRY
+*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR
+20000.
+*FRICTION
+.2, 1.E6
+*CONTACT PAIR, INTERACTION=DRY, TYPE=SURFACE TO SURFACE, ADJUST=.01
+SHIGH_Z0, SLOW_Z1
+*NSET, NSET=ALL
+NLOW, NHIGH
+*INITIAL CONDITIONS, TYPE=TEMPERATURE
+ALL, 293.
+*BOUNDARY
+LOW_Z0, 1, 3
+HIGH_Z1, 1, 3
+*STEP, NAME=TIGHTEN
+*STATIC
+.1, 1.
+*CLOAD
+900, 1, -10.
+901, 3, -5.
+*END STEP
+*STEP, INC=100
+*STATIC
+*BOUNDARY, FIXED
+900, 1
+*DLOAD, AMPLITUDE=SAW
+200, P2, 3.
+LOW, GRAV, 9810., 0., 0., -1.
+*DSLOAD
+SHIGH_Y0, P, 1.
+*TEMPERATURE
+ALL, 300.
+*NODE PRINT, NSET=ALL
+RF
+*END STEP
+"""
+
+
+def mutated(lines: list[str], random_of: random.Random) -> list[str]:
+    out = list(lines)
+    k = random_of.randrange(len(out))
+    how = random_of.randrange(7)
+    if how == 0:
+        del out[k]
+    elif how == 1:
+        out.insert(k, out[k])
+    elif how == 2:
+        j = random_of.randrange(len(out))
+        out[j], out[k] = out[k], out[j]
+    elif how == 3:
+        words = out[k].split(",")
+        words[random_of.randrange(len(words))] = random_of.choice(WORDS)
+        out[k] = ",".join(words)
+    elif how == 4:
+        out[k] = out[k][: random_of.randrange(len(out[k]) + 1)]
+    elif how == 5:
+        keywords = [n for n, line in enumerate(out) if line.startswith("*")]
+        n = random_of.choice(keywords)
+        other = ("*NONSENSE", out[n].replace("=", "=X"), out[n] + ", X=1", out[n].split(",")[0])
+        out[n] = random_of.choice(other)
+    else:
+        out = out[: k + 1]
+    return out
+
+
+def read(tmp_path: Path, lines: list[str]) -> lf.Scene:
+    file = tmp_path / "deck.inp"
+    file.write_text("\n".join(lines))
+    return lf.read_inp(file).scene()
+
+
+def test_the_whole_deck(tmp_path: Path) -> None:
+    scene = read(tmp_path, whole_deck().split("\n"))
+    assert set(scene.substructures) == {"LOW", "LOW#2", "HIGH"}
+    deck = lf.read_inp(tmp_path / "deck.inp")
+    assert deck.times == [1.0, 1.5, 2.0]
+    with pytest.warns(lf.SceneWarning, match="the bolt pushes"):
+        result = lf.solve(lf.assemble(scene), times=deck.times, progress=False)
+    assert result.status == "converged"
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_mutated_decks(seed: int, tmp_path: Path) -> None:
+    lines = whole_deck().split("\n")
+    random_of = random.Random(seed)
+    for _ in range(25):
+        damaged = lines
+        for _ in range(random_of.choice((1, 1, 1, 2, 4))):
+            damaged = mutated(damaged, random_of)
+        try:
+            read(tmp_path, damaged)
+        except DeckError as error:
+            assert LINE.match(str(error)), str(error)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("*NODE\n1, 0., nan, 0.\n", ("deck.inp:2: *NODE", "'nan'")),
+    ("*NODE\n-1, 0., 0., 0.\n", ("deck.inp:2", "number of the node", "'-1'")),
+    ("*NODE\n1, 0., 0., 0.\n1, 1., 0., 0.\n", ("deck.inp:3", "node 1 is there already")),
+    ("1, 2\n", ("deck.inp:1", "before the first keyword")),
+    ("", ("no keyword",)),
+    ("*NODE\n1, 0., 0., 0.\n", ("no elements",)),
+    ("*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n", ("deck.inp:2", "no node 1")),
+    ("*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3\n", ("deck.inp:7", "5")),
+    ("*NSET, NSET=A, GENERATE\n1, 900000000000, 1\n", ("deck.inp:2", "members")),
+    ("*NSET, NSET=A\nB,\n", ("deck.inp:2", "no node set 'B'")),
+    ("*STEP\n*STATIC\n", ("deck.inp:1", "*END STEP is missing")),
+    ("*INCLUDE, INPUT=../other.inp\n", ("deck.inp:1", "outside of the folder")),
+    ("*INCLUDE, INPUT=deck.inp\n", ("*INCLUDE", "include itself")),
+    ("*INCLUDE, INPUT=nothing.inp\n", ("deck.inp:1", "cannot be read")),
+    ("*FREQUENCY\n", ("1 card(s) are refused", "deck.inp:1: *FREQUENCY")),
+])
+def test_errors(text: str, words: tuple[str, ...], tmp_path: Path) -> None:
+    if text.startswith("*FREQ"):
+        text = whole_deck() + text
+        words = (words[0],)
+    file = tmp_path / "deck.inp"
+    file.write_text(text)
+    with pytest.raises(DeckError) as caught:
+        lf.read_inp(file)
+    for word in words:
+        assert word in str(caught.value), str(caught.value)
+
+
+def test_all_that_is_refused_is_named_at_once(tmp_path: Path) -> None:
+    file = tmp_path / "deck.inp"
+    text = whole_deck() + "*STEP\n*FREQUENCY\n10\n*END STEP\n*MODEL CHANGE\n*EQUATOIN\n2\n"
+    file.write_text(text + "*SURFACE BEHAVIOUR\n*ELEMENT, TYPE=S8R, ELSET=S\n9001, 1, 2, 3, 4\n")
+    with pytest.raises(DeckError) as caught:
+        lf.read_inp(file)
+    message = str(caught.value)
+    for word in ("*FREQUENCY", "*MODEL CHANGE", "*EQUATOIN", "did you mean *SURFACE BEHAVIOR", "S8R"):
+        assert word in message
+    assert {n.kind for n in caught.value.notes} == {"refused"}
+    assert all(n.line > 100 for n in caught.value.notes)
+
+
+def test_includes_are_followed_below_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "mesh").mkdir()
+    bar = Brick("C3D8", "BAR", (4.0, 1.0, 1.0), (1, 1, 1))
+    (tmp_path / "mesh" / "bar.inp").write_text(bar.text())
+    deck = tmp_path / "deck.inp"
+    deck.write_text(f"** comment\n*INCLUDE,\n INPUT=mesh/bar.inp\n{STEEL}*BOUNDARY\nBAR_X0, 1, 3\n"
+                    "*STEP\n*STATIC\n*DSLOAD\nSBAR_X1, P, -1.\n*END STEP\n")
+    assert lf.read_inp(str(deck)).parts == ("BAR",)
+    (tmp_path / "mesh" / "bar.inp").write_text(bar.text().replace("0, 0", "0, x", 1))
+    with pytest.raises(DeckError, match=r"bar\.inp:\d+: \*NODE"):
+        lf.read_inp(deck)
+    with pytest.raises(lf.SceneError, match="cannot be read"):
+        lf.read_inp(tmp_path)
