@@ -25,6 +25,7 @@ PAGES = [
     "axisymmetry.md",
     "bolts.md",
     "contact.md",
+    "decks.md",
     "loads.md",
     "parallel.md",
     "random_stiffness.md",

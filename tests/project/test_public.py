@@ -36,6 +36,7 @@ from dolfinx_frontend import (
     FromDistribution,
     FromSamples,
     Gamma,
+    InpDeck,
     LinearElastic,
     LogNormal,
     Measure,
@@ -62,6 +63,7 @@ from dolfinx_frontend import (
     geometry,
     load,
     make_plan,
+    read_inp,
     read_step,
     reliability,
     report,
@@ -72,6 +74,7 @@ from dolfinx_frontend import (
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan import random_laws as stochastic
 from dolfinx_frontend.uncertainty.fitting import Candidate
+from tests.decks.decks import STEEL, Brick
 from tests.kernel import bars
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -149,6 +152,13 @@ def step_assembly(folder: Path) -> StepAssembly:
     return read_step(folder / "boxes.step")
 
 
+def deck(folder: Path) -> InpDeck:
+    """A cube."""
+    text = Brick("C3D8R", "CUBE", (1.0, 1.0, 1.0), (1, 1, 1)).text() + STEEL
+    (folder / "cube.inp").write_text(f"{text}*BOUNDARY\nCUBE_Z0, 1, 3\n*STEP\n*STATIC\n*END STEP\n")
+    return read_inp(folder / "cube.inp")
+
+
 def kernel() -> list[Any]:
     """Of the kernel without a frontend."""
     structure = bars.chain()
@@ -209,6 +219,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(AtPoint(problem, "left", (0.5, 0.5, 0.5)[: problem.dim]), BoltStiffness(1.0, 2.0, 3.0)),
         *(Resultant("layer"), Measure(len, "count"), Quantile(len, 0.9), Cut("left", normal=(1, 0, 0))),
         step_assembly(tmp_path_factory.mktemp("step")),
+        deck(tmp_path_factory.mktemp("deck")),
         chaos.errors("layer"),
         OrthotropicElastic(E=(10.0, 2.0, 1.0), nu=(0.3, 0.2, 0.1), G=(1.0, 0.7, 0.5)),
         *(result.summary, result.state, result.summary.history[0], result.table()),
