@@ -20,6 +20,19 @@ from dolfinx_frontend.scene.scene import Scene
 __all__ = ["InpDeck", "read_inp"]
 
 
+def refuse(name: str, model: Model) -> None:
+    """Raise what is refused, all of it at once."""
+    refused = tuple(dict.fromkeys(note for note in model.notes if note.kind == "refused"))
+    if refused:
+        lines = [f"{n.file}:{n.line}: *{n.keyword}: {n.text}" for n in refused]
+        error = DeckError(
+            f"{name}: {len(refused)} card(s) are refused; take them out or replace them:\n  "
+            + "\n  ".join(lines)
+        )
+        error.notes = refused
+        raise error
+
+
 class InpDeck:
     """An Abaqus or CalculiX deck; made by :func:`read_inp`.
 
@@ -42,7 +55,7 @@ class InpDeck:
         self._history = History(model, references=references_of(model))
         self._history.read()
         cuts = cuts_of(model)
-        self._refuse()
+        refuse(name, model)
         self._mesh = Mesh(model)
         self._mesh.build([pairs for _, _, pairs in cuts])
         self._faces = Faces(self._mesh)
@@ -57,7 +70,7 @@ class InpDeck:
         self._alphas = {p.name: expansion_of(model, p) for p in self._mesh.pieces}
         densities = {p.name: number_of(model, p, "DENSITY") for p in self._mesh.pieces}
         self.densities = {name: value for name, value in densities.items() if value is not None}
-        self._refuse()
+        refuse(name, model)
         order = {"refused": 0, "changed": 1, "ignored": 2}
         once = dict.fromkeys(sorted(model.notes, key=lambda note: order[note.kind]))
         self.notes: tuple[Note, ...] = tuple(once)
@@ -77,18 +90,6 @@ class InpDeck:
                     f"{at.file}:{at.line}: *BOUNDARY: node {name} is FIXED where it has got to; only bolts "
                     "can be, give others a value"
                 )
-
-    def _refuse(self) -> None:
-        """Raise what is refused, all of it at once."""
-        refused = tuple(dict.fromkeys(note for note in self._model.notes if note.kind == "refused"))
-        if refused:
-            lines = [f"{n.file}:{n.line}: *{n.keyword}: {n.text}" for n in refused]
-            error = DeckError(
-                f"{self.name}: {len(refused)} card(s) are refused; take them out or replace them:\n  "
-                + "\n  ".join(lines)
-            )
-            error.notes = refused
-            raise error
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -156,6 +157,11 @@ def read_inp(path: str | Path) -> InpDeck:
     >>> result = solve(assemble(deck.scene()), times=deck.times)
     """
     file = checked_path("read_inp", path)
-    model = Model()
-    model.read(read_cards(file))
-    return InpDeck(os.path.basename(file), model)
+    model, name = Model(), os.path.basename(file)
+    cards = read_cards(file)
+    try:
+        model.read(cards)
+        return InpDeck(name, model)
+    except DeckError:
+        refuse(name, model)  # what is refused may be why something else is missing
+        raise

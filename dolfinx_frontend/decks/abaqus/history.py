@@ -173,6 +173,9 @@ class History:
             first = card.whole(row, 1, "first component")
             last = card.whole(row, 2, "last component", default=first)
             value = card.number(row, 3, "value", 0.0)
+            if first == last == 11:
+                self.model.note("refused", card, "temperatures as unknowns", row.where)
+                return
             if last > 6 or last < first:
                 raise card.error(f"components {first} to {last}; give some of 1 to 6, in order", row.where)
             components = range(first, last + 1)

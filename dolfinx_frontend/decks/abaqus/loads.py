@@ -134,7 +134,7 @@ class Loads:
         for signature, pairs in groups.items():
             on = [n for side in pairs for n in self.mesh.face(side)]
             label = Counter(self._givers[n].target for n in on if n < count).most_common(1)[0][0]
-            given = next(self._givers[n] for n in on if self._givers[n].target == label)
+            given = next(self._givers[n] for n in on if n < count and self._givers[n].target == label)
             name = self.faces.add(p, label, pairs)
             for n in on:
                 covered.setdefault(n, set()).update(c for c in range(3) if signature[c] != -1)

@@ -156,11 +156,9 @@ class Model:
 
     # --- the order of a deck ----------------------------------------------------------------------
     def read(self, cards: list[Card]) -> None:
-        """Take the cards of a deck, in order."""
-        iterator = iter(cards)
+        """Take the cards of a deck, in order; what is refused is noted before anything else can be wrong."""
+        iterator = iter([card for card in cards if self._represented(card)])
         for card in iterator:
-            if not self._represented(card):
-                continue
             if card.keyword == "PART":
                 name = card.need("NAME")
                 if name in self.parts:
@@ -186,6 +184,11 @@ class Model:
         unknown = set(card.parameters) - set(REPRESENTED[card.keyword].split())
         for name in sorted(unknown):
             self.note("ignored", card, f"the parameter {name[:40]}")
+        name = card.get("TYPE") or ""
+        if card.keyword == "ELEMENT" and name and name not in KINDS and name not in REFERENCE_NODES:
+            self.note("refused", card, f"elements {name}: solids of first and second order are read, "
+                      "tetrahedra and hexahedra, in the plane triangles and quadrilaterals")
+            return False
         return True
 
     def _until(self, cards: Iterator[Card], begin: Card, end: str) -> Iterator[Card]:
@@ -194,8 +197,7 @@ class Model:
                 return
             if card.keyword == begin.keyword:
                 break
-            if self._represented(card):
-                yield card
+            yield card
         raise begin.error(f"*{end} is missing; add it")
 
     def take(self, scope: Scope, card: Card) -> None:
@@ -243,11 +245,7 @@ class Model:
 
     def _element(self, scope: Scope, card: Card) -> None:
         name = card.need("TYPE")
-        count = KINDS[name].nodes if name in KINDS else REFERENCE_NODES.get(name)
-        if count is None:
-            self.note("refused", card, f"elements {name}: solids of first and second order are read, "
-                      "tetrahedra and hexahedra, in the plane triangles and quadrilaterals")
-            return
+        count = KINDS[name].nodes if name in KINDS else REFERENCE_NODES[name]
         if name in KINDS and KINDS[name].changed:
             self.note("changed", card, f"{name}: {KINDS[name].changed}")
         into = _set_of(scope.elsets, card.get("ELSET"))

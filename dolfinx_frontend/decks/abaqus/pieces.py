@@ -190,10 +190,10 @@ class Mesh:
         model = self.model
         scope, surface = scope.surface(card, word, where)
         pairs: Pairs = []
+        wanted: set[int] = set()
         for row in surface.card.rows:
             if surface.nodal:
-                wanted = set(scope.node_rows(surface.card, row.words[0], row.where))
-                pairs += [side for piece in self.pieces for side in self.at_nodes(piece, wanted)]
+                wanted.update(scope.node_rows(surface.card, row.words[0], row.where))
             elif len(row.words) > 1 and row.words[1]:
                 label = row.words[1].upper()
                 pairs += model.face_rows(scope, surface.card, row.words[0], label, row.where)
@@ -203,6 +203,7 @@ class Mesh:
                     (e, f) for e in members for f in range(len(FACES[self.kind(e).cell]))
                     if self.outside((e, f))
                 ]
+        pairs += [side for piece in self.pieces for side in self.at_nodes(piece, wanted)]
         out: dict[int, Pairs] = {}
         for side in dict.fromkeys(pairs):
             if not self.outside(side):
