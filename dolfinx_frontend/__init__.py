@@ -18,6 +18,8 @@ from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.interrupts import keep_broken_pipes as _keep_broken_pipes
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.results.errors import Errors
+from dolfinx_frontend.decks.reading import read_deck
+from dolfinx_frontend.decks.settings import Deck
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
@@ -126,6 +128,7 @@ __all__ = [
     "Correlated",
     "Cut",
     "Debonding",
+    "Deck",
     "Direction",
     "Displacement",
     "DistributionFit",
@@ -205,6 +208,7 @@ __all__ = [
     "monte_carlo",
     "progress",
     "quasi_monte_carlo",
+    "read_deck",
     "read_inp",
     "read_step",
     "reference",

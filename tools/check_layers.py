@@ -31,6 +31,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "arrays",
         "deferred",
         "frozen",
+        "recorded",
         "kept",
         "groups",
         "vectors",
@@ -272,11 +273,21 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "abaqus.loads",
         "abaqus.deck",
         "abaqus",
+        "kinds",
+        "words",
+        "settings",
+        "schema",
+        "lines",
+        "formulas",
+        "values",
+        "toml",
+        "reading",
+        "writing",
     ),
 }
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
 
-LAZY: frozenset[tuple[str, str]] = frozenset()
+LAZY: frozenset[tuple[str, str]] = frozenset({("scene.scene", "decks.writing")})
 """Imports that point upward on purpose, inside a function only."""
 
 PENDING: frozenset[tuple[str, str]] = frozenset()

@@ -1,1 +1,5 @@
-"""Decks of other programs, and of this one, as scenes: a leaf on the public scene."""
+"""Decks: assemblies described by a file, in TOML or in the format of another program.
+
+>>> deck = read_deck("joint.toml")
+>>> result = solve(assemble(deck.scene))
+"""

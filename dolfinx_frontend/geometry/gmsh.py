@@ -16,6 +16,7 @@ from dolfinx_frontend.common.checks import checked_path, checked_whole
 from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, vertex_nodes
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.recorded import Call, mark
 from dolfinx_frontend.geometry.away import TIMEOUT, alone, away
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.msh import check_begin
@@ -210,7 +211,11 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
             "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=copy
         )
     try:
-        return assembled(model, gdim)
+        assembly = assembled(model, gdim)
+        for name, part in assembly.parts.items():
+            given = {"path": file, "part": name} | ({} if gdim is None else {"gdim": gdim})
+            mark(part, Call("msh", given))
+        return assembly
     except SceneError as error:
         raise SceneError(f"{file.name!r}: {error}") from error
     except RuntimeError as error:  # of dolfinx, for cells that do not make a mesh

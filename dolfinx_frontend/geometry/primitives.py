@@ -13,6 +13,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_numbers, checked_reals
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.recorded import recorded
 from dolfinx_frontend.geometry.parts import Marker, Part, cell_type, check_divisions, check_positive, located
 
 __all__ = ["box"]
@@ -24,6 +25,7 @@ MOST_CELLS = 2**31 - 1
 """Cells of a mesh that can be numbered."""
 
 
+@recorded
 def box(
     lengths: Sequence[float],
     divisions: Sequence[int],

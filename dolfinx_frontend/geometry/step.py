@@ -38,7 +38,9 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name, warn
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.common.progress import Bar
+from dolfinx_frontend.common.recorded import Call, Journal, journaled, made_by, recorded
 from dolfinx_frontend.geometry.away import TIMEOUT, alone, away, check_timeout
 from dolfinx_frontend.geometry.exchange import check_begin
 from dolfinx_frontend.geometry.gmsh import assembled
@@ -113,6 +115,7 @@ class StepAssembly:
     _alone: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        self.journal = Journal()
         self._taken = _contact_faces(self.touches.values())
         for (part, face), tags in self._taken.items():
             for name, touch in self.touches.items():
@@ -122,7 +125,11 @@ class StepAssembly:
                         new = f"{part}:{face}"
                         self._faces[name] = (new, old[1]) if side == 0 else (old[0], new)
 
+    def in_journal(self) -> None:
+        """Nothing but its methods changes it."""
+
     # -- what the user adds ----------------------------------------------------------------------
+    @journaled
     def material(
         self,
         pattern: str,
@@ -134,6 +141,7 @@ class StepAssembly:
         for name in matching(pattern, self.solids, "part", "material"):
             self._bodies[name] = _Body(material, degree, body_force)
 
+    @journaled
     def size(self, pattern: str, size: float) -> None:
         """Cell size (length) of parts, or of the cells at interfaces, by name or glob pattern.
 
@@ -147,6 +155,7 @@ class StepAssembly:
             names = matching(pattern, self.solids, "part", "size")
             self._sizes |= dict.fromkeys(names, float(size))
 
+    @journaled
     def join(
         self,
         pattern: str,
@@ -174,11 +183,13 @@ class StepAssembly:
         for name in self._interfaces(pattern, "join"):
             self._joins[name] = _Join(law, space, overlap, dict(settings))
 
+    @journaled
     def leave(self, pattern: str) -> None:
         """Leave the proposed interfaces of a name or glob pattern open: their faces stay free."""
         for name in self._interfaces(pattern, "leave"):
             self._joins[name] = None
 
+    @journaled
     def face(
         self,
         name: str,
@@ -406,6 +417,11 @@ class StepAssembly:
                 overlap=join.overlap or ("partial" if partial else "full"),
                 **settings,
             )
+        read = made_by(self)
+        if read is not None:  # in place of the parts one by one
+            of_mesh = {key: meshed.parameters[key] for key in ("per_turn", "order")}
+            given = {**read.arguments, "calls": tuple(self.journal), "mesh": of_mesh}
+            scene.journal.calls = [Call("step", ReadOnlyDict(given))]
         return scene
 
     # -- inside ----------------------------------------------------------------------------------
@@ -441,6 +457,7 @@ class StepAssembly:
         ]
 
 
+@recorded
 def read_step(
     path: str | Path,
     *,

@@ -78,6 +78,16 @@ class Amplitude:
         """Times between which it is linear; of a function of time, of which nothing is known, none."""
         return tuple(() if self._function else self._times.tolist())
 
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Factors at the times."""
+        return tuple(() if self._function else self._values.tolist())
+
+    @property
+    def function(self) -> Callable[[float], float] | None:
+        """The function of time, if it is one."""
+        return self._function
+
     def __call__(self, time: float) -> float:
         """The factor at a time."""
         if not is_real(time):

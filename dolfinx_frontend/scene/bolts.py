@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from dolfinx_frontend.common.checks import checked_number
 from dolfinx_frontend.common.describe import short
@@ -23,12 +24,12 @@ class BoltStiffness:
     axial
         Force / length.
     bending, torsion
-        E I / L and G J / L, force * length.
+        E I / L and G J / L, force * length. All three may be random.
     """
 
-    axial: float
-    bending: float
-    torsion: float
+    axial: Any
+    bending: Any
+    torsion: Any
 
     def __post_init__(self) -> None:
         for name, value in (("axial", self.axial), ("bending", self.bending), ("torsion", self.torsion)):

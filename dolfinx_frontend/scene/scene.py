@@ -7,6 +7,7 @@ where it is made.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NoReturn, SupportsIndex
 
 import numpy as np
@@ -29,6 +30,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.recorded import Journal, journaled
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.bolts import BoltStiffness
 from dolfinx_frontend.scene.laws import (
@@ -109,6 +111,11 @@ class Scene:
         self.interfaces: dict[str, InterfaceSpec] = {}
         self.loads: dict[str, Load] = {}
         self.densities: Any = None
+        self.journal = Journal()
+
+    def in_journal(self) -> tuple[tuple[str, ...], ...]:
+        """Names of all that is in the scene, by which its journal sees whether it has all calls."""
+        return (tuple(self.substructures), tuple(self.interfaces), tuple(self.loads))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
         """A scene of its own; parts and laws, which never change, are shared."""
@@ -117,6 +124,7 @@ class Scene:
         other.interfaces.update(self.interfaces)
         other.loads.update(self.loads)
         other.densities = self.densities
+        other.journal = self.journal.copy()
         return other
 
     def __copy__(self) -> Scene:
@@ -128,6 +136,7 @@ class Scene:
             "needs it"
         )
 
+    @journaled
     def substructure(
         self,
         name: str,
@@ -216,6 +225,7 @@ class Scene:
             check_face(self.substructures[part], found, where)
         return found
 
+    @journaled
     def interface(
         self,
         name: str,
@@ -309,10 +319,12 @@ class Scene:
                 unique, number = f"{base}#{number}", number + 1
             self.interface(unique, face, law)
 
+    @journaled
     def symmetry(self, faces: str | Sequence[str], name: str | None = None) -> None:
         """Symmetry planes: no displacement along the normal.  One interface for each face."""
         self._one_sided("symmetry", faces, Symmetry(), name)
 
+    @journaled
     def pressure(self, faces: str | Sequence[str], p: Value, name: str | None = None) -> None:
         """Pressure p (force / area) against the faces.  One interface for each face.
 
@@ -323,6 +335,7 @@ class Scene:
             return
         self._one_sided("pressure", faces, Pressure(p), name)
 
+    @journaled
     def traction(self, faces: str | Sequence[str], t: Value, name: str | None = None) -> None:
         """Force per area t (d global components).  One interface for each face.
 
@@ -336,6 +349,7 @@ class Scene:
             return
         self._one_sided("traction", faces, Traction(t), name)
 
+    @journaled
     def fix(
         self,
         faces: str | Sequence[str],
@@ -361,6 +375,7 @@ class Scene:
         law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
         self._one_sided("displacement", faces, law, name)
 
+    @journaled
     def rigid(
         self,
         faces: str | Sequence[str],
@@ -394,6 +409,7 @@ class Scene:
         place = None if point is None else plain_vector("rigid", "point", point)
         self._tied("rigid", faces, name, point=place, **motions)
 
+    @journaled
     def plane(
         self, faces: str | Sequence[str], tilts: bool = True, n: Value | None = None, name: str | None = None
     ) -> None:
@@ -432,6 +448,7 @@ class Scene:
             law = Rigid(group, found[0].substructure, k == 0, **(settings if k == 0 else shared))
             self.interface(group if len(given) == 1 else f"{group}[{each}]", each, law)
 
+    @journaled
     def fix_point(
         self,
         part: str,
@@ -475,6 +492,7 @@ class Scene:
         _doubt(where, law)
         self.interfaces[name] = InterfaceSpec(name, faces, law, None, None, "points", "full", remote)
 
+    @journaled
     def springs(
         self, face: str, name: str | None = None, point: Sequence[float] | None = None, **stiffness: Value
     ) -> None:
@@ -508,6 +526,7 @@ class Scene:
             remote = Remote(points=(place,), forces=(tuple(force),), moments=(tuple(moment),))
             self._remote(f"{name or f'springs({face})'}.{key}", (found,), Elastic(normal=value), remote)
 
+    @journaled
     def beam(
         self,
         name: str,
@@ -583,6 +602,7 @@ class Scene:
             raise SceneError(f"{where}: the name is in use; names are unique")
         self.loads[unique] = Load(unique, part, kind, values, shapes, face)
 
+    @journaled
     def load(
         self, part: str, form: Callable[[Any], Any], factor: Value = 1.0, name: str | None = None
     ) -> None:
@@ -601,6 +621,7 @@ class Scene:
         checked_callable(f"load of {part!r}", "form", form, "give a function v -> UFL integrand or form")
         self._add("load", part, name, {"factor": factor}, {"factor": form})
 
+    @journaled
     def body_force(self, part: str, force: Any, name: str | None = None) -> None:
         """Force per volume of a part.
 
@@ -619,6 +640,7 @@ class Scene:
         spec = self.substructures.get(part)
         return None if spec is None or spec.lazy else spec.dim
 
+    @journaled
     def inertia_relief(self, density: Value | Mapping[str, float]) -> None:
         """Balance all loads by the inertia of the assembly, which nothing holds: it accelerates as a rigid
         body.
@@ -668,6 +690,7 @@ class Scene:
             own = name if name is None or len(given) == 1 else f"{name}({each})"
             self._add(kind, face.substructure, own, values, shapes, face.face)
 
+    @journaled
     def force(
         self,
         face: str,
@@ -720,6 +743,7 @@ class Scene:
             raise SceneError(f"{where}: neither a force nor a moment is given; give one")
         self._add("force", found.substructure, name, values, shapes, found.face)
 
+    @journaled
     def bearing(self, face: str, force: Any, factor: Value = 1.0, name: str | None = None) -> None:
         """Force of a pin in a hole: a pressure with the cosine of the angle to it, where the pin presses.
 
@@ -740,6 +764,7 @@ class Scene:
             raise SceneError(f"{where}: force = {short(force)} has no direction; give one that is not 0")
         self._add("bearing", found.substructure, name, {"factor": factor}, {"factor": vector}, found.face)
 
+    @journaled
     def point_force(self, part: str, point: Sequence[float], force: Any, name: str | None = None) -> None:
         """Force at a point of a part, inside or on its surface: the displacement there grows as the mesh is
         refined (a concentrated force has infinite stress).
@@ -754,6 +779,7 @@ class Scene:
         values, axes = components(where, "force", force, count=self._dim(part))
         self._add("point_force", part, name, values, {key: (axis, place) for key, axis in axes.items()})
 
+    @journaled
     def initial_strain(self, part: str, strain: Any, factor: Value = 1.0, name: str | None = None) -> None:
         """Initial strain of a part: its stress is that of the strain less this one.
 
@@ -773,6 +799,7 @@ class Scene:
                 )
         self._add("initial_strain", part, name, {"factor": factor}, {"factor": strain})
 
+    @journaled
     def temperature(
         self, part: str, dT: Any, alpha: Any = None, factor: Value = 1.0, name: str | None = None
     ) -> None:
@@ -819,6 +846,29 @@ class Scene:
                 )
             values["factor"] = factor
         self._add("temperature", part, name, values, {k: (v, alpha) for k, v in shapes.items()})
+
+    def to_deck(self, path: str | Path, *, units: tuple[str, str] | None = None, title: str = "") -> None:
+        """Write the scene as a deck in TOML, which :func:`dolfinx_frontend.read_deck` and ``latin run`` read.
+
+        The deck has every number to the last bit; files of parts are named relative to its folder.
+
+        Parameters
+        ----------
+        path
+            The file, ``"joint.toml"``.
+        units
+            Those of length and force, ``("mm", "N")``: a statement.
+        title
+            One line.
+
+        Raises
+        ------
+        SceneError
+            What no deck can hold: functions that have no name in a module, meshes that were made in Python.
+        """
+        from dolfinx_frontend.decks.writing import write_deck
+
+        write_deck(self, path, units=units, title=title)
 
     def __repr__(self) -> str:
         lines = [

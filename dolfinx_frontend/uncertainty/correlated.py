@@ -16,6 +16,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_kind, check_known, checked_numbers
 from dolfinx_frontend.common.deferred import linalg, optimize
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.recorded import Call, mark
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 
 __all__ = ["Correlated", "CorrelatedParameter"]
@@ -137,6 +138,7 @@ class Correlated(Sequence[CorrelatedParameter]):
             space,
         )
         self._members = tuple(CorrelatedParameter(self, i) for i in range(n))
+        mark(self, Call("Correlated", {"parameters": names, "matrix": given, "space": space}))
 
     @staticmethod
     def _check_definite(where: str, what: str, matrix: Array) -> None:

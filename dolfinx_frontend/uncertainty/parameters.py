@@ -37,6 +37,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_name, checked_number, checked_numbers
 from dolfinx_frontend.common.deferred import special, stats
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.recorded import recorded
 from dolfinx_frontend.uncertainty.checks import checked_bounds, deviation, named, refuse_positional
 from dolfinx_frontend.uncertainty.distributions import (
     Atoms,
@@ -246,6 +247,7 @@ class _NormalParameter(_Affine):
         return self.to_germ(value)
 
 
+@recorded
 def Normal(name: str, mean: float, *more: Never, cov: Any = None, std: Any = None) -> RandomParameter:
     """Normal (Gaussian) parameter, mean (1 + cov xi) as in the paper's equation 13.
 
@@ -282,6 +284,7 @@ def Normal(name: str, mean: float, *more: Never, cov: Any = None, std: Any = Non
     )
 
 
+@recorded
 def TruncatedNormal(
     name: str,
     mean: float,
@@ -366,6 +369,7 @@ class _LogNormalParameter(_Gaussian):
         return np.asarray(self.mean * np.exp(powers))
 
 
+@recorded
 def LogNormal(name: str, mean: float, *more: Never, cov: Any = None, std: Any = None) -> RandomParameter:
     """Lognormal parameter: the logarithm is normal.  Positive, chaos exact at any degree.
 
@@ -377,6 +381,7 @@ def LogNormal(name: str, mean: float, *more: Never, cov: Any = None, std: Any = 
     return _LogNormalParameter(name, m, deviation(where, m, cov, std))
 
 
+@recorded
 def Uniform(
     name: str,
     lower: Any = None,
@@ -410,6 +415,7 @@ def Uniform(
     )
 
 
+@recorded
 def Gamma(name: str, mean: float, *more: Never, cov: Any = None, std: Any = None) -> RandomParameter:
     """Gamma parameter on (0, inf) with ``mean`` > 0 and ``cov`` or ``std``; shape = 1 / cov^2."""
     where = named("Gamma", name)
@@ -429,6 +435,7 @@ def Gamma(name: str, mean: float, *more: Never, cov: Any = None, std: Any = None
     )
 
 
+@recorded
 def Beta(
     name: str, a: float, b: float, lower: float = 0.0, upper: float = 1.0
 ) -> RandomParameter:
@@ -491,6 +498,7 @@ class _Discrete(_Affine):
         return result
 
 
+@recorded
 def FromSamples(name: str, samples: npt.ArrayLike) -> RandomParameter:
     """The empirical distribution of observed values (N,), each with probability 1 / N.
 
@@ -505,6 +513,7 @@ def FromSamples(name: str, samples: npt.ArrayLike) -> RandomParameter:
     )
 
 
+@recorded
 def FromDistribution(
     name: str, distribution: Any, germ: Literal["auto", "own", "normal"] = "auto"
 ) -> RandomParameter:
