@@ -283,6 +283,10 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "toml",
         "reading",
         "writing",
+        "proposing",
+        "running",
+        "showing",
+        "command",
     ),
 }
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""

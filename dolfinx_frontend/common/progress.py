@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import sys
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from dolfinx_frontend.common.checks import checked_flag
 
@@ -59,10 +59,15 @@ class Bar:
         Whether the finished bar stays on the screen.
     """
 
+    running: ClassVar[list[Bar]] = []
+    """Those that are open, the innermost last: what a process without a terminal can tell of its progress."""
+
     def __init__(
         self, total: int | None, what: str, unit: str = "point", wanted: bool = True, stays: bool = False
     ) -> None:
         self._bar: Any = None
+        self.what, self.unit, self.total, self.done = what, unit, total, 0
+        Bar.running.append(self)
         if not (wanted and _on and sys.stderr is not None and sys.stderr.isatty()):
             return
         try:
@@ -73,6 +78,7 @@ class Bar:
 
     def step(self, **shown: Any) -> None:
         """One step is done; the keyword arguments are shown behind the bar."""
+        self.done += 1
         if self._bar is not None:
             self._bar.set_postfix(shown, refresh=False)
             self._bar.update()
@@ -83,5 +89,7 @@ class Bar:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self in Bar.running:
+            Bar.running.remove(self)
         if self._bar is not None:
             self._bar.close()

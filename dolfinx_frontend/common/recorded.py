@@ -5,16 +5,17 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar
+from typing import Any, NamedTuple, ParamSpec, Protocol, TypeVar, cast
 
 from dolfinx_frontend.common.frozen import ReadOnlyDict, frozen
 
-__all__ = ["Call", "Journal", "Journaled", "journaled", "made_by", "mark", "recorded"]
+__all__ = ["Call", "Journal", "Journaled", "is_journaled", "journaled", "made_by", "mark", "recorded"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _MADE = "_made_by"
+_JOURNALED = "_journaled"
 
 
 class Call(NamedTuple):
@@ -78,7 +79,7 @@ class Journaled(Protocol):
         """What tells its content from another one."""
 
 
-J = TypeVar("J", bound=Journaled)
+M = TypeVar("M", bound=Callable[..., Any])
 
 
 def _call(function: Callable[..., Any], signature: inspect.Signature, *given: Any, **named: Any) -> Call:
@@ -90,12 +91,12 @@ def _call(function: Callable[..., Any], signature: inspect.Signature, *given: An
     return Call(function.__name__, ReadOnlyDict({key: frozen(value) for key, value in found.items()}))
 
 
-def journaled(method: Callable[Concatenate[J, P], R]) -> Callable[Concatenate[J, P], R]:
+def journaled(method: M) -> M:
     """A method whose calls are written down in the journal of the object."""
     signature = inspect.signature(method)
 
     @functools.wraps(method)
-    def run(self: J, /, *given: P.args, **named: P.kwargs) -> R:
+    def run(self: Journaled, /, *given: Any, **named: Any) -> Any:
         try:
             call = _call(method, signature, self, *given, **named)
         except TypeError:  # which the method says better
@@ -104,7 +105,13 @@ def journaled(method: Callable[Concatenate[J, P], R]) -> Callable[Concatenate[J,
         call = Call(call.name, ReadOnlyDict(arguments))
         return self.journal.run(self, call, lambda: method(self, *given, **named))
 
-    return run
+    setattr(run, _JOURNALED, True)
+    return cast(M, run)
+
+
+def is_journaled(method: Any) -> bool:
+    """Whether the calls of a method are written down."""
+    return bool(getattr(method, _JOURNALED, False))
 
 
 def recorded(function: Callable[P, R]) -> Callable[P, R]:

@@ -142,8 +142,8 @@ class Text:
     def within(self, place: Place, message: str) -> DeckError:
         """The error of a whole table, at the line of the key whose name or value the message has."""
         table: Any = self.data
-        for key in place:
-            table = table[key] if isinstance(table, (Mapping, list)) else {}
+        for step in place:
+            table = table[step]
         for key, value in table.items() if isinstance(table, Mapping) else ():
             if re.search(rf"\b{re.escape(key)}(\[\d+\])? = ", message):
                 return self.error((*place, key), message)

@@ -10,11 +10,11 @@ import dataclasses
 import functools
 import inspect
 import re
-import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+from dolfinx_frontend.common.recorded import is_journaled
 from dolfinx_frontend.geometry.gmsh import read_msh
 from dolfinx_frontend.geometry.primitives import box
 from dolfinx_frontend.geometry.solids import Cut
@@ -96,7 +96,7 @@ def _calls(of: type) -> dict[str, Callable[..., Any]]:
     return {
         name: each
         for name, each in vars(of).items()
-        if not name.startswith("_") and "journaled" in getattr(getattr(each, "__code__", None), "co_qualname", "")
+        if not name.startswith("_") and is_journaled(each)
     }
 
 
@@ -105,9 +105,7 @@ OF_STEP: Mapping[str, Callable[..., Any]] = _calls(StepAssembly)
 NAMED = tuple(
     name
     for name, each in METHODS.items()
-    if inspect.signature(each).parameters.get("name", inspect.Parameter("x", inspect.Parameter.KEYWORD_ONLY))
-    .default is inspect.Parameter.empty
-    and "name" in inspect.signature(each).parameters
+    if (given := inspect.signature(each).parameters.get("name")) and given.default is inspect.Parameter.empty
 )
 """Methods whose things have a name always: tables by name; those of others are arrays of tables."""
 

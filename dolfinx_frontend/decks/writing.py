@@ -27,7 +27,7 @@ from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.values import is_random_field, is_uncertain
 
-__all__ = ["deck_text", "write_deck"]
+__all__ = ["deck_text", "quoted", "relative", "write_deck"]
 
 WIDTH = 108
 """Characters of a line, beyond which an array has a line for each entry."""
@@ -122,7 +122,7 @@ class _Writer:
 
     def _step(self, given: Mapping[str, Any]) -> list[str]:
         reading = {key: each for key, each in given.items() if key not in ("calls", "mesh")}
-        path = self._relative(reading.pop("path"))
+        path = relative(reading.pop("path"), self.folder)
         own = {"path": path, **{k: self.value(v, f"to_deck: {k} of read_step") for k, v in reading.items()}}
         lines = ["", "[step]", *self.keys(own), f"mesh = {_text(self.value(given['mesh'], 'to_deck'))}"]
         for call in given["calls"]:
@@ -134,7 +134,7 @@ class _Writer:
         if made is not None and made.name in PARTS:
             given = dict(made.arguments)
             if "path" in given:
-                given["path"] = self._relative(given["path"])
+                given["path"] = relative(given["path"], self.folder)
             return {made.name: self.value({k: v for k, v in given.items() if v is not None}, where)}
         if callable(part):
             return {"part": self._code(part, where)}
@@ -160,10 +160,6 @@ class _Writer:
             if value is not None and not _same(value, each):
                 found[each.name] = self.value(value, f"{where}, {each.name}")
         return found
-
-    def _relative(self, path: Any) -> str:
-        absolute, folder = Path(path).absolute(), self.folder.absolute()
-        return Path(os.path.relpath(absolute, folder)).as_posix()
 
     # --- values ---------------------------------------------------------------------------------
     def value(self, value: Any, where: str) -> Any:
@@ -282,6 +278,16 @@ class _Writer:
         return lines
 
 
+def relative(path: str | Path, folder: Path) -> str:
+    """The name of a file in a folder."""
+    return Path(os.path.relpath(Path(path).absolute(), folder.absolute())).as_posix()
+
+
+def quoted(text: str) -> str:
+    """A text as TOML."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
 def _same(value: Any, each: Any) -> bool:
     """Whether a field has its default."""
     default = each.default
@@ -291,11 +297,7 @@ def _same(value: Any, each: Any) -> bool:
 
 
 def _key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else _quoted(name)
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return name if _BARE.fullmatch(name) else quoted(name)
 
 
 def _text(value: Any) -> str:
@@ -303,7 +305,7 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return _quoted(value)
+        return quoted(value)
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_text, value))}]"
     if isinstance(value, Mapping):
