@@ -19,7 +19,6 @@ from dolfinx_frontend.common.interrupts import keep_broken_pipes as _keep_broken
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.decks.reading import read_deck
-from dolfinx_frontend.decks.settings import Deck
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
@@ -128,7 +127,6 @@ __all__ = [
     "Correlated",
     "Cut",
     "Debonding",
-    "Deck",
     "Direction",
     "Displacement",
     "DistributionFit",

@@ -43,7 +43,7 @@ EVERY = 5.0
 
 _CODES = f"""\
 exit codes: {DONE} converged and as accurate as asked; {INPUT} wrong input; {BALANCE} no equilibrium;
-{NUMBERS} not converged or not as accurate as asked; {LIMIT} out of time or memory; {INTERRUPTED} interrupted"""
+{NUMBERS} not converged, or not as accurate; {LIMIT} out of time or memory; {INTERRUPTED} interrupted"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -62,8 +62,8 @@ def _percent(text: str) -> float:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser("latin", description="Assemblies of elastic parts with uncertain interfaces: from a file to "
-                     "an answer.", epilog=_CODES, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = _Parser("latin", description="Assemblies of parts with uncertain interfaces: from a file "
+                     "to an answer.", epilog=_CODES, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=f"latin {__version__}")
     common = _Parser(add_help=False)
     common.add_argument("--debug", action="store_true", help="tracebacks of errors")
@@ -200,9 +200,10 @@ def _convert(given: argparse.Namespace) -> int:
         write_deck(deck.scene, target, **beside)
     elif not target.suffix:
         times = deck.run.get("times")
-        export(assemble(deck.scene), target, options=deck.options, **({} if times is None else {"times": times}))
+        given_times = {} if times is None else {"times": times}
+        export(assemble(deck.scene), target, options=deck.options, **given_times)
     else:
-        raise DeckError(f"{target.name}: a deck is written as .toml, or as a folder for latin_run without suffix")
+        raise DeckError(f"{target.name}: write a deck as .toml, or a folder for latin_run")
     print(f"wrote {target}")
     return DONE
 

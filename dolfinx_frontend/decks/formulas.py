@@ -71,7 +71,7 @@ def evaluated(text: str, known: Mapping[str, Any], where: str) -> Any:
 
 
 def _no_formula(text: str, known: Mapping[str, Any], where: str) -> SceneError:
-    names = f"the random numbers {', '.join(map(repr, known))}" if known else "random numbers (there are none)"
+    names = f"the random numbers {', '.join(map(repr, known))}" if known else "random numbers"
     return SceneError(f"{where}: {text!r} is neither a number nor a formula of {names}")
 
 
@@ -130,6 +130,6 @@ def formula(value: Any, where: str) -> str:
     if isinstance(value.function, np.ufunc) and getattr(np, name, None) is value.function:
         return f"{name}({', '.join(parts)})"
     raise SceneError(
-        f"{where}: {value.name!r} is a function of Python, which a deck cannot hold: write it with + - * / ** "
+        f"{where}: {value.name!r} is Python, which a deck cannot hold: write it with + - * / ** "
         "and functions of NumPy"
     )

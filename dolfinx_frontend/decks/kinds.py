@@ -42,8 +42,13 @@ def misfit(value: Any, schema: Mapping[str, Any]) -> str:
     if "enum" in schema:
         return "" if value in schema["enum"] else f"one of {', '.join(map(repr, schema['enum']))}"
     kind = schema.get("type")
-    names = {"boolean": "true or false", "integer": "a whole number", "number": "a number", "string": "a text",
-             "array": "an array"}
+    names = {
+        "boolean": "true or false",
+        "integer": "a whole number",
+        "number": "a number",
+        "string": "a text",
+        "array": "an array",
+    }
     fits = {
         "boolean": isinstance(value, bool),
         "integer": isinstance(value, int) and not isinstance(value, bool),

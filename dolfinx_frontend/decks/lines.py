@@ -145,7 +145,7 @@ class Text:
         for step in place:
             table = table[step]
         for key, value in table.items() if isinstance(table, Mapping) else ():
-            if re.search(rf"\b{re.escape(key)}(\[\d+\])? = ", message):
+            if re.search(rf"\b{re.escape(key)}(\[\d+\])? (=|is) ", message):
                 return self.error((*place, key), message)
             texts = value if isinstance(value, list) else [value]
             if any(isinstance(t, str) and t and repr(t) in message for t in texts) and key != "name":

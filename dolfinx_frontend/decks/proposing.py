@@ -9,7 +9,7 @@ __all__ = ["proposed"]
 
 _HEAD = """\
 # A deck of latin: every table is a call of the scene, every key an argument (latin schema; docs/command.md).
-# Edit the materials, the laws of the interfaces, supports and loads; then: latin check {deck}, latin run {deck}
+# Edit materials, laws of interfaces, supports and loads; then: latin check {deck}, latin run {deck}
 
 units = ["mm", "N"]    # OpenCASCADE converts to millimetres: stresses are MPa
 
@@ -36,13 +36,15 @@ units = ["mm", "N"]    # OpenCASCADE converts to millimetres: stresses are MPa
 def proposed(step: StepAssembly, file: str, deck: str) -> str:
     """The text of a deck, in whose folder the file has this name."""
     names = list(step.interfaces)
-    lines = [_HEAD.format(deck=deck, interface=names[0] if names else "joint"), "[step]", f"path = {quoted(file)}"]
+    head = _HEAD.format(deck=deck, interface=names[0] if names else "joint")
+    lines = [head, "[step]", f"path = {quoted(file)}"]
     lines += ["# cuts = [{ parts = \"bolt *\", normal = [0, 0, 1] }]    # pretension sections of bolts", ""]
     lines += [f"# {row}".rstrip() for row in str(step).splitlines()]
     lines += ["", "[[step.material]]", 'pattern = "*"', 'material = "LinearElastic"',
               "E = 210e3    # steel; N/mm^2", "nu = 0.3"]
     for name, solid in step.solids.items():
-        lines += ["", "[[step.size]]", f"pattern = {quoted(name)}", f"size = {solid.thickness:.3g}    # of cells, mm"]
+        size = f"size = {solid.thickness:.3g}    # of cells, mm"
+        lines += ["", "[[step.size]]", f"pattern = {quoted(name)}", size]
     for name in names:
         touch = step.touches[name]
         lines += ["", "[[step.join]]", f"pattern = {quoted(name)}",
@@ -57,4 +59,3 @@ def proposed(step: StepAssembly, file: str, deck: str) -> str:
               "", "# [[fix]]", f"# faces = {quoted(f'{low.part}:support')}",
               "", "# [[force]]", '# face = "PART:FACE"', "# force = [0.0, 0.0, 1000.0]    # N"]
     return "\n".join(lines) + "\n"
-

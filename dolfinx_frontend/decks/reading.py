@@ -26,8 +26,8 @@ def read_deck(path: str | Path, allow_code: bool = False) -> Deck:
     path
         The file; its suffix says what it is. Files that it names are beside it.
     allow_code
-        Whether functions that it names, ``"module:function"``, are imported: this executes their modules, also
-        those in the folder of the deck. Only for decks that you trust.
+        Whether functions that it names, ``"module:function"``, are imported: this executes their modules,
+        also those in the folder of the deck. Only for decks that you trust.
 
     Returns
     -------

@@ -25,11 +25,16 @@ from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.sheets.names import units_of
 from dolfinx_frontend.solving import quasi_monte_carlo, solve
 
-__all__ = ["BALANCE", "DONE", "INPUT", "INTERRUPTED", "LIMIT", "NUMBERS", "RESULT", "Run", "code_of", "run_deck"]
+__all__ = [
+    *("BALANCE", "DONE", "INPUT", "INTERRUPTED", "LIMIT", "NUMBERS", "RESULT"),
+    "Run",
+    "code_of",
+    "run_deck",
+]
 
 DONE, INPUT, BALANCE, NUMBERS, LIMIT, INTERRUPTED = 0, 2, 3, 4, 5, 130
-"""Exit codes: converged, and as accurate as asked; wrong input; no equilibrium; not converged, or not as accurate
-as asked; out of time or memory; interrupted."""
+"""Exit codes: converged, and as accurate as asked; wrong input; no equilibrium; not converged, or not
+as accurate as asked; out of time or memory; interrupted."""
 
 RESULT = "result.json"
 ANSWER = "result.h5"

@@ -1,6 +1,6 @@
 """What values a key may have, as JSON Schema: for editors, and for the first check of a deck.
 
-``latin schema > deck.schema.json``; an editor with a language server for TOML completes and checks decks with it.
+``latin schema > deck.schema.json``; an editor with a language server for TOML completes and checks decks.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def json_schema() -> dict[str, Any]:
         {"type": "object", "properties": {"sum": {"type": "array"}}, "required": ["sum"]},
     ]
     random = _one_of(DISTRIBUTIONS, ("name",))
-    defs: dict[str, Any] = {"value": {"anyOf": value + random}, "random": {"anyOf": [*random, {"type": "string"}]}}
+    formula = {"type": "string"}
+    defs: dict[str, Any] = {"value": {"anyOf": value + random}, "random": {"anyOf": [*random, formula]}}
     for record in RECORDS:
         makers = {n: getattr(record, n) for n in vars(record) if inspect.ismethod(getattr(record, n, None))
                   and not n.startswith("_")}
@@ -99,7 +100,8 @@ def json_schema() -> dict[str, Any]:
     named = {name: {"type": "object", "additionalProperties": _of_call(words(METHODS[name]), ("name",))}
              for name in NAMED}
     step = _of_call(READ_STEP)
-    step["properties"] |= {name: {"type": "array", "items": _of_call(words(each))} for name, each in OF_STEP.items()}
+    for name, each in OF_STEP.items():
+        step["properties"][name] = {"type": "array", "items": _of_call(words(each))}
     step["properties"]["mesh"] = {"type": "object"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -59,7 +59,7 @@ def _run_words() -> dict[str, Word]:
     sampling = words(quasi_monte_carlo)
     found |= {name: dataclasses.replace(sampling[name], required=False) for name in ("samples", "seed")}
     found["samples"] = dataclasses.replace(found["samples"], text="Sobol points, a power of two.")
-    found["direction"] = Word("direction", "plain", float, False, None, "Search direction, a factor of the usual.")
+    found["direction"] = Word("direction", "plain", float, False, None, "Factor of search directions.")
     return found | dict(words(Options))
 
 
@@ -68,7 +68,7 @@ ASKED: Mapping[str, Word] = words(Asked)
 TOP: Mapping[str, Word] = {
     "title": Word("title", "plain", str, False, "", "One line that says what it is."),
     "units": Word("units", "plain", tuple[str, ...], False, None,
-                  f"Length and force that all numbers are in, [\"mm\", \"N\"]: a statement, nothing is converted. "
+                  "Length and force that all numbers are in, [\"mm\", \"N\"]: nothing is converted. "
                   f"Lengths: {', '.join(LENGTHS)}; forces: {', '.join(FORCES)}."),
     "axisymmetric": dataclasses.replace(words(Scene)["axisymmetric"], required=False),
 }
@@ -113,7 +113,7 @@ class Deck:
         ways: tuple[Way, ...] = ("accuracy", "samples", "chaos")
         given = [way for way in ways if self.run.get(way) is not None]
         if len(given) > 1:
-            raise SceneError(f"run: {' and '.join(given)} are given: give one; an accuracy chooses the others")
+            raise SceneError(f"run: {' and '.join(given)} are given: give one; an accuracy chooses all")
         return given[0] if given else "solve"
 
     @property

@@ -49,7 +49,8 @@ def shown(record: Mapping[str, Any]) -> str:
         for key, found in each.items():
             if isinstance(found, dict):
                 own = "" if key.startswith("P(") else unit
-                between = "" if found["low"] is None else f" ({_number(found['low'])} to {_number(found['high'])})"
+                between = f" ({_number(found['low'])} to {_number(found['high'])})"
+                between = "" if found["low"] is None else between
                 rows.append((each["name"], key, f"{_number(found['value'])}{own}{between}"))
     if rows:
         lines += ["", *columns(rows, "<<<")]
@@ -76,9 +77,10 @@ def _table(table: Mapping[str, Any]) -> Table:
 def outlook(deck: Deck, problem: Problem) -> str:
     """What a deck will do: parts, gaps, free motions, plan and price."""
     lines = [str(problem), ""]
-    lines.append(f"{sum(part.size for part in problem.parts.values())} unknowns in {len(problem.parts)} parts")
+    unknowns = sum(part.size for part in problem.parts.values())
+    lines.append(f"{unknowns} unknowns in {len(problem.parts)} parts")
     units = units_of(deck.units)
-    stated = f"length {units['length']}, force {units['force']}, stress {units['stress']}" if deck.units else ""
+    stated = ", ".join(f"{name} {unit}" for name, unit in units.items() if unit)
     lines.append(f"units: {stated or NO_UNITS}; nothing is converted")
     for name, interface in problem.interfaces.items():
         if interface.law.unilateral and len(interface.sides) == 2:

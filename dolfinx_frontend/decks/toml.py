@@ -1,7 +1,7 @@
 """A deck in TOML: read into a scene, and written from one.
 
-Methods of the scene are tables: ``[interface.foot]`` where things have a name always, ``[[fix]]`` otherwise; they
-are called in the order of the text. Values are described in ``docs/command.md``.
+Methods of the scene are tables: ``[interface.foot]`` where things have a name always, ``[[fix]]`` otherwise;
+they are called in the order of the text. Values are described in ``docs/command.md``.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def read(path: Path, allow_code: bool = False) -> Deck:
     for key in text.data:
         if key not in known:
             raise text.error((key,), f"unknown key {key!r}{nearest(key, known)}")
-    top = values.known({k: v for k, v in text.data.items() if k in TOP}, (), TOP, "deck")
+    top = values.known({k: v for k, v in text.data.items() if k in TOP}, (), TOP)
     units = _units(text, top.get("units"))
-    run = values.known(values.table(text.data.get("run", {}), ("run",)), ("run",), RUN, "run")
+    run = values.known(values.table(text.data.get("run", {}), ("run",)), ("run",), RUN)
     asked = []
     for k, each in enumerate(values.tables("quantity")):
-        given = values.known(each, ("quantity", k), ASKED, "quantity")
+        given = values.known(each, ("quantity", k), ASKED)
         asked.append(Asked(**given))
     values.read_named()
     scene = _scene(values, top)
@@ -98,7 +98,11 @@ def _scene(values: Values, top: Mapping[str, Any]) -> Scene:
 
 
 def _arguments(
-    values: Values, method: Callable[..., Any], table: Mapping[str, Any], place: Place, given: Mapping[str, Any]
+    values: Values,
+    method: Callable[..., Any],
+    table: Mapping[str, Any],
+    place: Place,
+    given: Mapping[str, Any],
 ) -> dict[str, Any]:
     """The arguments of a method from its table."""
     known = words(method)
@@ -112,14 +116,18 @@ def _arguments(
             found[name], rest = values.part(rest, place)
     own = {name: word for name, word in known.items() if name not in found}
     values.refuse({k: v for k, v in rest.items() if k not in own}, place, (*own, *fields))
-    found |= values.known(rest, place, own, method.__name__)
+    found |= values.known(rest, place, own)
     if "law" in found and "first" in found and "second" not in found:
         found["second"] = found.pop("law")
     return found
 
 
 def _call(
-    values: Values, method: Callable[..., Any], table: Mapping[str, Any], place: Place, given: Mapping[str, Any]
+    values: Values,
+    method: Callable[..., Any],
+    table: Mapping[str, Any],
+    place: Place,
+    given: Mapping[str, Any],
 ) -> Callable[[Any], None]:
     def call(of: Any) -> None:
         method(of, **_arguments(values, method, table, place, given))
@@ -134,8 +142,9 @@ def _of_step(values: Values, table: Mapping[str, Any]) -> Scene:
     known = (*READ_STEP, *OF_STEP, "mesh")
     values.refuse({k: v for k, v in table.items() if k not in known}, place, known)
     reading = {key: each for key, each in table.items() if key not in (*OF_STEP, "mesh")}
-    given = values.known(reading, place, READ_STEP, "read_step")
-    meshing = values.known(values.table(table.get("mesh", {}), ("step", "mesh")), ("step", "mesh"), mesh, "mesh")
+    given = values.known(reading, place, READ_STEP)
+    of_mesh = values.table(table.get("mesh", {}), ("step", "mesh"))
+    meshing = values.known(of_mesh, ("step", "mesh"), mesh)
     with values.located(place):
         step = read_step(values.path(given.pop("path"), ("step", "path")), **given)
     calls = []

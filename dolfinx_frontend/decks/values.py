@@ -73,10 +73,10 @@ class Values:
                 self.random[name] = self._random(self.table(value, place), place, name)
         for k, each in enumerate(self.tables("correlated")):
             place = ("correlated", k)
-            given = self.known(each, place, words(Correlated), "correlated")
+            given = self.known(each, place, words(Correlated))
             members = given.get("parameters")
             if not isinstance(members, list) or not all(isinstance(m, str) for m in members):
-                raise self.text.error((*place, "parameters"), "parameters = ...: give names of random numbers")
+                raise self.text.error((*place, "parameters"), "parameters: give names of random numbers")
             chosen = [self.named("random number", m, self.random, (*place, "parameters")) for m in members]
             with self.located(place):
                 self.random |= {m.name: m for m in Correlated(chosen, **{**_without(given, "parameters")})}
@@ -90,7 +90,9 @@ class Values:
         """The entries of a table of named things."""
         return list(self.table(self.text.data.get(name, {}), (name,)).items())
 
-    def tables(self, name: str, data: Mapping[str, Any] | None = None, at: Place = ()) -> list[dict[str, Any]]:
+    def tables(
+        self, name: str, data: Mapping[str, Any] | None = None, at: Place = ()
+    ) -> list[dict[str, Any]]:
         """The tables of an array of them."""
         found = (self.text.data if data is None else data).get(name, [])
         if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
@@ -108,23 +110,23 @@ class Values:
     def named(self, kind: str, name: Any, known: Mapping[str, Any], place: Place) -> Any:
         """What has a name, or an error with the nearest ones."""
         if not isinstance(name, str) or name not in known:
-            raise self.text.error(place, f"{place[-1]} = {_shown(name)}: unknown {kind}{nearest(name, known)}")
+            wrong = f"{place[-1]} = {_shown(name)}: unknown {kind}{nearest(name, known)}"
+            raise self.text.error(place, wrong)
         return known[name]
 
     def refuse(self, rest: Mapping[str, Any], place: Place, known: Any) -> None:
         """Keys that mean nothing."""
         for key in rest:
-            raise self.text.error((*place, key), f"unknown key {key!r} in {_title(place)}{nearest(key, known)}")
+            wrong = f"unknown key {key!r} in {_title(place)}{nearest(key, known)}"
+            raise self.text.error((*place, key), wrong)
 
-    def known(self, table: Mapping[str, Any], place: Place, known: Mapping[str, Word], what: str,
-              given: tuple[str, ...] = ()) -> dict[str, Any]:
-        """The arguments of a call from a table with these keys; those `given` come from elsewhere."""
-        allowed = {name: word for name, word in known.items() if name not in given}
-        self.refuse({k: v for k, v in table.items() if k not in allowed}, place, allowed)
-        for name, word in allowed.items():
+    def known(self, table: Mapping[str, Any], place: Place, known: Mapping[str, Word]) -> dict[str, Any]:
+        """The arguments of a call from a table with these keys."""
+        self.refuse({k: v for k, v in table.items() if k not in known}, place, known)
+        for name, word in known.items():
             if word.required and name not in table:
                 raise self.text.error(place, f"{_title(place)} has no {name!r}: {word.text or 'give it'}")
-        return {name: self.read(table[name], allowed[name], (*place, name)) for name in table}
+        return {name: self.read(table[name], known[name], (*place, name)) for name in table}
 
     # --- one value ------------------------------------------------------------------------------
     def read(self, value: Any, word: Word, place: Place) -> Any:
@@ -146,7 +148,8 @@ class Values:
         wanted = misfit(value, of_type(word.hint))
         if wanted:
             raise self.text.error(place, f"{place[-1]} = {_shown(value)}: give {wanted}")
-        return _plain(value) if isinstance(value, (list, str, int, float, bool)) else self._strange(value, place)
+        simple = isinstance(value, (list, str, int, float, bool))
+        return _plain(value) if simple else self._strange(value, place)
 
     def _strange(self, value: Any, place: Place) -> Any:
         if isinstance(value, dict):
@@ -188,7 +191,7 @@ class Values:
             return found
         if isinstance(value, str):
             return Amplitude(self._code(value, place))
-        given = self.known(self.table(value, place), place, words(Amplitude), "amplitude")
+        given = self.known(self.table(value, place), place, words(Amplitude))
         with self.located(place):
             return Amplitude(**given)
 
@@ -199,13 +202,14 @@ class Values:
             wrong = next(iter(key for key in table if key.lower().replace("_", "") not in DISTRIBUTIONS), "")
             hint = nearest(wrong, [*DISTRIBUTIONS, *_OF_VALUES]) if wrong else ""
             raise self.text.error(
-                place, f"{place[-1]} = {_shown(table)} is no value{hint or ': a table with one distribution'}; "
+                place,
+                f"{place[-1]} = {_shown(table)} is no value{hint or ', which has one distribution'}; "
                 "write a number, the name of a random number, {lognormal = {mean = 0.15, cov = 0.1}}, or "
                 "{amplitude = \"later\", value = 20.0}"
             )
         kind = DISTRIBUTIONS[kinds[0]]
         inner = self.table(table[keys[kinds[0]]], (*place, keys[kinds[0]]))
-        given = self.known({"name": name, **inner}, (*place, keys[kinds[0]]), words(kind), kinds[0])
+        given = self.known({"name": name, **inner}, (*place, keys[kinds[0]]), words(kind))
         with self.located((*place, keys[kinds[0]])):
             made = kind(**given)
         if len(place) > 2 or place[0] != "random":  # written in place: the name is its own
@@ -229,7 +233,8 @@ class Values:
             raise self.text.error(place, f"{place[-1]} = {_shown(value)}: a function is 'module:function'")
         if not self.allow_code:
             raise self.text.error(
-                place, f"{place[-1]} = {value!r} is code, which is not executed: read decks that you trust with "
+                place,
+                f"{place[-1]} = {value!r} is code, which is not executed: read decks that you trust with "
                 "--allow-code (read_deck(..., allow_code=True))"
             )
         module, _, name = value.partition(":")
@@ -254,7 +259,7 @@ class Values:
         if len(table) == 1 and inspect.ismethod(found := getattr(kind, next(iter(table)), None)):
             key = next(iter(table))
             table, place, make = self.table(table[key], (*place, key)), (*place, key), found
-        given = self.known(table, place, words(make), kind.__name__)
+        given = self.known(table, place, words(make))
         with self.located(place):
             return make(**given)
 
@@ -269,10 +274,11 @@ class Values:
             return self.materials[title], _without(table, kind)
         if kind not in table:
             raise self.text.error(place, f"{_title(place)} has no {kind!r}: one of {', '.join(classes)}")
-        made = self.named(kind, title, classes if kind == "law" else {**classes, **self.materials}, (*place, kind))
+        choice = classes if kind == "law" else {**classes, **self.materials}
+        made = self.named(kind, title, choice, (*place, kind))
         fields = words(made)
         own = {key: each for key, each in table.items() if key in fields and key != "name"}
-        given = self.known(own, place, fields, made.__name__)
+        given = self.known(own, place, fields)
         with self.located(place):
             return made(**given), _without(table, kind, *own)
 
@@ -280,7 +286,8 @@ class Values:
         """A part of a table that says how its mesh is made, and what is left of the table."""
         ways = [key for key in (*PARTS, "part") if key in table]
         if len(ways) != 1:
-            raise self.text.error(place, f"{_title(place)} has {' and '.join(ways) or 'no mesh'}: give one of "
+            found = " and ".join(ways) or "no mesh"
+            raise self.text.error(place, f"{_title(place)} has {found}: give one of "
                                   "box = {...} and msh = {...}, or a [step] file for all parts")
         way = ways[0]
         if way == "part":
@@ -290,7 +297,7 @@ class Values:
         if way == "msh":
             name = inner.get("part", name)
             inner = _without(inner, "part")
-        given = self.known(inner, (*place, way), words(PARTS[way]), way)
+        given = self.known(inner, (*place, way), words(PARTS[way]))
         with self.located((*place, way)):
             if way != "msh":
                 return PARTS[way](**given), _without(table, way)

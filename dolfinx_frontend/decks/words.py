@@ -136,7 +136,8 @@ def _within(hint: Any) -> set[Any]:
     """A type, what it is a union of, and what these hold."""
     found = {hint, get_origin(hint)}
     for each in get_args(hint):
-        found |= {Any} if isinstance(each, list) else _within(each) if get_origin(hint) is not Literal else set()
+        if get_origin(hint) is not Literal:
+            found |= {Any} if isinstance(each, list) else _within(each)
     return found
 
 
@@ -159,7 +160,8 @@ def _documented(of: Any) -> dict[str, str]:
 def words(of: Any) -> Mapping[str, Word]:
     """The keys of a method, function or class, by name."""
     made = inspect.unwrap(of)
-    hints = get_type_hints(made.__init__ if inspect.isclass(made) and not dataclasses.is_dataclass(made) else made)
+    plain_class = inspect.isclass(made) and not dataclasses.is_dataclass(made)
+    hints = get_type_hints(made.__init__ if plain_class else made)
     documented = _documented(made)
     found: dict[str, Word] = {}
     for name, each in inspect.signature(of).parameters.items():

@@ -60,12 +60,12 @@ def deck_text(
     Raises
     ------
     SceneError
-        Functions that have no name in a module, meshes that were made in Python, a scene that was changed without
-        its methods: what has to go first.
+        Functions that have no name in a module, meshes that were made in Python, a scene that was changed
+        without its methods: what has to go first.
     """
     scene.journal.compare(scene.in_journal())
     if not scene.journal.complete:
-        raise SceneError("to_deck: the scene was changed without its methods, or in one that failed: make it anew")
+        raise SceneError("to_deck: the scene was changed without its methods, or in one that failed")
     writer = _Writer(folder)
     body = [line for call in scene.journal for line in writer.call(call)]
     top: dict[str, Any] = {"title": title or None, "units": list(units) if units else None}
@@ -139,8 +139,8 @@ class _Writer:
         if callable(part):
             return {"part": self._code(part, where)}
         raise SceneError(
-            f"{where}: its mesh was made in Python, which a deck cannot hold: write it to a file with physical "
-            "groups (gmsh.write('parts.msh')) and read that, geometry.read_msh('parts.msh')"
+            f"{where}: its mesh was made in Python, which a deck cannot hold: write it to a file with "
+            "physical groups (gmsh.write('parts.msh')) and read that, geometry.read_msh('parts.msh')"
         )
 
     def _material(self, material: Any, where: str) -> dict[str, Any]:
@@ -237,7 +237,7 @@ class _Writer:
             return {"randomfield": {k: each for k, each in self._fields(leaf, where).items() if k != "name"}}
         made = made_by(leaf)
         if made is None or made.name.lower() not in DISTRIBUTIONS:
-            raise SceneError(f"{where}: {short(leaf)} was made in Python in a way that a deck has no word for")
+            raise SceneError(f"{where}: {short(leaf)} was made in a way that a deck has no word for")
         given = {key: each for key, each in made.arguments.items() if key != "name" and each is not None}
         if "distribution" in given:
             given["distribution"] = self._of_scipy(given["distribution"], where)
@@ -246,7 +246,7 @@ class _Writer:
     def _of_scipy(self, frozen: Any, where: str) -> dict[str, Any]:
         kind = getattr(getattr(frozen, "dist", None), "name", None)
         if kind is None:
-            raise SceneError(f"{where}: {short(frozen)}: a deck holds frozen continuous distributions of scipy.stats")
+            raise SceneError(f"{where}: {short(frozen)}: give a frozen, continuous one of scipy.stats")
         args = {"args": [self.value(each, where) for each in frozen.args]} if frozen.args else {}
         return {"name": kind, **args, **{key: self.value(each, where) for key, each in frozen.kwds.items()}}
 
@@ -261,8 +261,8 @@ class _Writer:
             if found is value:
                 return f"{module}:{name}"
         raise SceneError(
-            f"{where}: {short(value)} is Python, which a deck cannot hold; only functions with a name in a module "
-            "that can be imported ('module:function', read with --allow-code)"
+            f"{where}: {short(value)} is Python, which a deck cannot hold; only functions with a name in a "
+            "module that can be imported ('module:function', read with --allow-code)"
         )
 
     # --- text -----------------------------------------------------------------------------------

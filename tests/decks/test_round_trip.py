@@ -87,8 +87,8 @@ def every_word() -> lf.Scene:
     weibull = lf.FromDistribution("w", stats.weibull_min(2.0, scale=3.0))
     field = lf.RandomField("E", mean=100.0, cov=0.2, length=2.0, modes=2, distribution="lognormal")
     scene = blocks(E=field)
-    scene.interface("joint", "left:x1", "right:x0", lf.Elastic(normal=np.exp(k / 50.0) * 2 - c, tangential=30.0),
-                    quadrature_degree=3, space="points")
+    spring = lf.Elastic(normal=np.exp(k / 50.0) * 2 - c, tangential=30.0)
+    scene.interface("joint", "left:x1", "right:x0", spring, quadrature_degree=3, space="points")
     scene.interface("bolt", "right:y0", lf.Preload(force=lf.Uniform("F", 1.0, 2.0), during=((0, 1),)))
     scene.symmetry(["left:z0", "right:z0"], name="sym")
     scene.pressure("right:z1", lf.Gamma("p", 1.0, cov=0.1) * LATER)

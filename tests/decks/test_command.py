@@ -1,0 +1,278 @@
+"""The command: what it prints and writes, its exit codes, and decks that are damaged."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import dolfinx_frontend as lf
+from dolfinx_frontend.decks.command import main
+from dolfinx_frontend.decks.lines import DeckError
+from dolfinx_frontend.decks.running import code_of
+
+ROOT = Path(__file__).resolve().parents[2]
+DEMO = ROOT / "demos" / "first_bolt.toml"
+
+SMALL = """\
+units = ["mm", "N"]
+
+[run]
+rtol = 1e-9
+
+[[quantity]]
+of = "layer.pressure_max"
+
+[substructure.left]
+box = { lengths = [1, 1], divisions = [2, 2] }
+material = "LinearElastic"
+E = 100.0
+nu = 0.0
+
+[substructure.right]
+box = { lengths = [1, 1], divisions = [2, 2], origin = [1, 0] }
+material = "LinearElastic"
+E = 100.0
+nu = 0.0
+
+[interface.layer]
+first = "left:x1"
+second = "right:x0"
+law = "Contact"
+gap = 0.0
+friction = 0.15
+
+[[fix]]
+faces = "left:x0"
+
+[[traction]]
+faces = "right:x1"
+t = [-2.0, 0.1]
+"""
+
+
+@pytest.fixture
+def deck(tmp_path: Path) -> Path:
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    return path
+
+
+def changed(deck: Path, old: str, new: str) -> Path:
+    text = deck.read_text()
+    assert old in text
+    deck.write_text(text.replace(old, new, 1))
+    return deck
+
+
+def test_a_run_is_the_same_as_python(deck: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(deck)]) == 0
+    record = json.loads((deck.with_suffix("") / "result.json").read_text())
+    assert record["status"] == "converged" and record["exit_code"] == 0 and record["statuses"] == ["converged"]
+    assert record["units"] == {"length": "mm", "force": "N", "stress": "MPa"}
+    result = lf.solve(lf.assemble(lf.read_deck(deck).scene), options=lf.Options(rtol=1e-9))
+    (quantity,) = record["quantities"]
+    assert quantity["value"] == result.quantity("layer.pressure_max").values[0]
+    assert record["errors"]["reached"] and record["errors"]["algebraic"] < 1e-8
+    table = record["tables"]["interfaces"]["columns"]
+    row = table["interface"].index("layer")
+    assert table["normal"][row] == pytest.approx(-2.0, rel=1e-7)
+    printed = capsys.readouterr()
+    assert "layer" in printed.out and "solution" in printed.err
+    assert main(["show", str(deck.with_suffix(""))]) == 0
+    assert capsys.readouterr().out == printed.out
+    assert np.allclose(lf.load(deck.with_suffix("") / "result.h5").force("layer"), result.force("layer"))
+
+
+def test_the_demo_has_its_closed_form(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(DEMO), "-o", str(tmp_path / "out"), "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record == json.loads((tmp_path / "out" / "result.json").read_text())
+    bolt = lf.BoltStiffness.vdi2230(d=12.0, pitch=1.75, shank=25.0, thread=15.0, E=205e3)
+    share = bolt.axial / (bolt.axial + 200e3 * 900.0 / 40.0)
+    exact = norm.cdf(((1.0 - share) * 16e3 - 20e3) / 3e3)
+    (quantity,) = record["quantities"]
+    assert abs(quantity["P(above 0)"]["value"] - exact) < 2.0 / 256
+    began = time.monotonic()
+    assert main(["run", str(DEMO), "-o", str(tmp_path / "out"), "--json"]) == 0  # all points are there
+    again = json.loads(capsys.readouterr().out)
+    assert again["quantities"] == record["quantities"] and time.monotonic() > began
+
+
+def test_check_solves_nothing_and_says_what_will_be_done(
+    deck: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(deck)]) == 0
+    printed = capsys.readouterr().out
+    for word in ("gap of layer", "held by contact and friction only: right", "price:", "unknowns", "stress MPa"):
+        assert word in printed
+    assert not deck.with_suffix("").exists()
+
+
+@pytest.mark.parametrize(
+    ("statuses", "reached", "late", "code"),
+    [
+        (["converged"] * 3, True, False, 0),
+        (["converged", "undetermined"], True, False, 0),
+        (["converged", "inexact"], True, False, 4),
+        (["max_iterations"], True, False, 4),
+        (["stagnated"], True, False, 4),
+        (["converged"], False, False, 4),
+        (["converged", "no_equilibrium", "inexact"], True, False, 3),
+        (["interrupted"], True, False, 130),
+        (["interrupted"], True, True, 5),
+    ],
+)
+def test_exit_codes_follow_from_statuses(statuses: list[str], reached: bool, late: bool, code: int) -> None:
+    assert code_of(statuses, reached, late) == code
+
+
+def test_exit_codes_by_faults(deck: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = deck.read_text()
+    faults = {
+        2: ("friction = 0.15", "friction = -0.15"),
+        3: ("t = [-2.0, 0.1]", "t = [-2.0, 1.0]"),
+        4: ("rtol = 1e-9", "rtol = 1e-9\nmax_iterations = 1\nnewton = 0"),
+        5: ("rtol = 1e-9", "rtol = 1e-9\nmax_seconds = 1e-9"),
+    }
+    for code, (old, new) in faults.items():
+        deck.write_text(text)
+        assert main(["run", str(changed(deck, old, new))]) == code, code
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert error.startswith("latin: ") and "Traceback" not in error
+        record = json.loads((deck.with_suffix("") / "result.json").read_text())
+        assert record["exit_code"] == code and record["message"]
+
+
+WRONG = {
+    ("friction = 0.15", "frction = 0.15"): r"small.toml:26: unknown key 'frction' in \[interface.layer\].*'friction'",
+    ('law = "Contact"', 'law = "contact"'): r"small.toml:24: law = 'contact': unknown law; did you mean 'Contact'",
+    ('units = ["mm", "N"]', 'units = ["mm", "n"]'): r"small.toml:1: .*unknown unit 'n'; did you mean 'N'",
+    ('"left:x1"', '"lft:x1"'): r"small.toml:22: .*'lft'.*did you mean 'left'",
+    ('"left:x1"', '"left:x9"'): r"small.toml:22: .*'x9'",
+    ("[interface.layer]", "[interfaces.layer]"): r"small.toml:21: unknown key 'interfaces'; did you mean 'interface'",
+    ("[[fix]]", "[fix]"): r"small.toml:28: fix is a list of tables: write \[\[fix\]\]",
+    ("nu = 0.0", "nu = 0.5"): r"small.toml:\d+: .*nu = 0.5",
+    ("divisions = [2, 2]", "divisions = 2"): r"small.toml:\d+: divisions = 2: give an array",
+    ("E = 100.0\n", ""): r"small.toml:\d+: \[substructure.left\] has no 'E'",
+    ("gap = 0.0", "gap = nan"): r"small.toml:25: .*gap",
+    ("gap = 0.0", 'gap = "g"'): r"small.toml:25: gap = 'g'.*random number 'g'",
+    ("gap = 0.0", "gap = 2020-01-01"): r"small.toml:25: gap = 2020-01-01",
+    ("gap = 0.0", "gap = { lognrmal = { mean = 1, cov = 0.1 } }"): r"small.toml:25: .*did you mean 'lognormal'",
+    ("gap = 0.0", "gap = { normal = { men = 1, cov = 0.1 } }"): r"small.toml:25: unknown key 'men'.*'mean'",
+    ("gap = 0.0", 'gap = { amplitude = "later" }'): r"small.toml:25: .*unknown amplitude",
+    ("rtol = 1e-9", 'accuracy = "1 percent"'): r"small.toml:4: accuracy = '1 percent': give a number",
+    ("rtol = 1e-9", "rtol = 3.0"): r"small.toml:4: .*rtol",
+    ('"layer.pressure_max"', '"layr.pressure_max"'): r"small.toml:7: .*did you mean 'layer'",
+    ("gap = 0.0", "gap = 0.0\ngap = 1.0"): r"small.toml:2[567]: this is no TOML",
+}
+
+
+@pytest.mark.parametrize("change", WRONG, ids=lambda c: re.sub(r"\s+", " ", c[1])[:30])
+def test_messages_have_the_line_the_value_and_the_nearest_word(change: Any, deck: Path) -> None:
+    with pytest.raises(DeckError) as error:
+        lf.read_deck(changed(deck, *change))
+    assert re.search(WRONG[change], str(error.value)), str(error.value)
+
+
+def test_files_that_are_no_decks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "empty.toml").write_text("")
+    (tmp_path / "binary.toml").write_bytes(b"a = 1\nb = \"\xff\xfe\"\n")
+    (tmp_path / "deep.toml").write_text("a = " + "[" * 5000)
+    (tmp_path / "other.txt").write_text("a")
+    words = {"folder": "folder.toml", "empty": "no parts", "binary": "binary.toml:2", "deep": "deep.toml",
+             "missing": "missing.toml"}
+    for name, word in words.items():
+        for verb in ("check", "run"):
+            assert main([verb, str(tmp_path / f"{name}.toml")]) == 2
+            (line,) = [each for each in capsys.readouterr().err.splitlines() if " s  " not in each]
+            assert word in line
+    assert main(["check", str(tmp_path / "other.txt")]) == 2
+    assert main(["show", str(tmp_path)]) == 2
+
+
+def mutated(text: str, draw: random.Random) -> str:
+    """A deck with one or two faults."""
+    rows = text.splitlines()
+    for _ in range(draw.randint(1, 2)):
+        k = draw.randrange(len(rows))
+        row = rows[k]
+        numbers = list(re.finditer(r"-?\d+(\.\d+)?(e-?\d+)?", row))
+        kind = draw.randrange(7)
+        if kind == 0:
+            del rows[k]
+        elif kind == 1:
+            rows.insert(draw.randrange(len(rows)), row)
+        elif kind == 2 and len(row) > 2:
+            j = draw.randrange(len(row))
+            rows[k] = row[:j] + draw.choice("abz0.\"[]{}=,:-#\\'") + row[j + 1 :]
+        elif kind == 3 and numbers:
+            each = draw.choice(numbers)
+            new = draw.choice(["nan", "inf", "-1", "0", "1e308", "9" * 40, "true", '"x"', "[]", "{}", "1e-320"])
+            rows[k] = row[: each.start()] + new + row[each.end() :]
+        elif kind == 4 and len(row) > 3:
+            j = draw.randrange(len(row) - 1)
+            rows[k] = row[:j] + row[j + 1] + row[j] + row[j + 2 :]
+        elif kind == 5 and "=" in row:
+            rows[k] = row.partition("=")[0] + "= " + draw.choice(['"left:x1"', "[1, [2]]", "{a = 1}", '""', "0"])
+        else:
+            rows[k] = draw.choice(["[run]", "[[fix]]", "[step]", "x", "[a.b", "name = 'q'"])
+    return "\n".join(rows)
+
+
+def test_mutated_decks_are_refused_in_a_sentence_or_are_decks(tmp_path: Path) -> None:
+    draw, refused, read = random.Random(5), 0, 0
+    for number in range(250):
+        path = tmp_path / "m.toml"
+        path.write_text(mutated(SMALL if number % 2 else DEMO.read_text(), draw))
+        try:
+            deck = lf.read_deck(path)
+        except DeckError as error:
+            assert re.match(r"m\.toml(:\d+)?: ", str(error)), str(error)
+            refused += 1
+            continue
+        read += 1
+        deck.scene.to_deck(tmp_path / "again.toml")
+        assert list(lf.read_deck(tmp_path / "again.toml").scene.interfaces) == list(deck.scene.interfaces)
+    assert refused > 100 and read > 20
+
+
+def test_convert_and_schema(deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = tmp_path / "other.toml"
+    assert main(["convert", str(deck), str(other)]) == 0
+    one, two = (lf.read_deck(each) for each in (deck, other))
+    assert (one.run, one.asked, one.units) == (two.run, two.asked, two.units)
+    assert main(["convert", str(deck), str(tmp_path / "study")]) == 0
+    assert (tmp_path / "study").is_dir()
+    capsys.readouterr()
+    assert main(["schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    table = schema["properties"]["interface"]["additionalProperties"]
+    laws = table["properties"]["law"]["enum"]
+    assert {"Contact", "Preload", "Debonding"} <= set(laws)
+    assert "friction" in json.dumps(table) and "mu >= 0" in json.dumps(table)
+
+
+def test_killed_runs_go_on(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "dolfinx_frontend.decks.command", "run", str(DEMO), "--samples", "1024"]
+    command += ["-o", str(tmp_path / "out"), "--json"]
+    killed = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    points = tmp_path / "out" / "points"
+    while killed.poll() is None and not (points.exists() and points.stat().st_size > 20000):
+        time.sleep(0.05)
+    killed.kill()
+    killed.wait()
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "running"
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads(done.stdout)["statuses"]) == 1024
