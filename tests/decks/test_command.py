@@ -276,3 +276,34 @@ def test_killed_runs_go_on(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
     assert len(json.loads(done.stdout)["statuses"]) == 1024
+
+
+def test_a_step_file_becomes_a_deck(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with lf.geometry.gmsh_session("two") as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 10, 10, 5)
+        gmsh.model.occ.addBox(0, 0, 5, 10, 10, 5)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(tmp_path / "two.step"))
+    deck = tmp_path / "two.toml"
+    assert main(["new", str(tmp_path / "two.step")]) == 0
+    assert main(["new", str(tmp_path / "two.step"), "-o", str(deck)]) == 2
+    assert "--force" in capsys.readouterr().err
+    text = deck.read_text()
+    assert "law = \"Perfect\"" in text and "# [[step.face]]" in text
+    start = text.index("# [[step.face]]")
+    proposal = "\n".join(row.removeprefix("# ") for row in text[start:].splitlines())
+    _, high, *_ = (row for row in text.splitlines() if re.match(r'pattern = "[^|*]+"$', row))
+    top = high.partition("=")[2].strip().strip('"')
+    proposal = proposal.replace('face = "PART:FACE"', f'face = "{top}:top"')
+    proposal += f'\n[[step.face]]\nname = "{top}:top"\nnormal = [0, 0, 1]\nat = ["any", "any", 10.0]\n'
+    deck.write_text(text[:start] + proposal)
+    assert main(["run", str(deck)]) == 0, capsys.readouterr().err
+    record = json.loads((tmp_path / "two" / "result.json").read_text())
+    table = record["tables"]["interfaces"]["columns"]
+    row = [name.startswith("displacement") for name in table["interface"]].index(True)
+    assert table["force_z"][row] == pytest.approx(-1000.0, rel=1e-6)
+    again = tmp_path / "again.toml"
+    assert main(["convert", str(deck), str(again)]) == 0
+    assert main(["run", str(again)]) == 0
+    same = json.loads((tmp_path / "again" / "result.json").read_text())
+    assert same["tables"] == record["tables"]
