@@ -86,6 +86,8 @@ def _path(key: str) -> tuple[str, ...] | None:
         return None
     keys = []
     while isinstance(found, dict):
+        if len(found) != 1:  # a comment, or several lines
+            return None
         (name,) = found
         keys.append(name)
         found = found[name]

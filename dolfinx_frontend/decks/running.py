@@ -189,6 +189,10 @@ def _record(deck: Deck, run: Run, said: tuple[str, ...], seconds: float) -> dict
         warnings.simplefilter("ignore")
         record["errors"] = _try(lambda: _errors(answer, deck.run.get("quantity")))
         record["quantities"] = [_quantity(answer, each) for each in deck.asked]
+        missing = [each["missing"] for each in record["quantities"] if "missing" in each]
+        if missing and run.code == DONE:  # what was asked for is not there
+            run.code, run.message = INPUT, missing[0]
+            record |= {"exit_code": run.code, "message": run.message}
         record["tables"] = {"interfaces": _try(lambda: _table(answer.table(step=None)))}
         if getattr(answer, "times", None) is not None and len(answer.times) > 1:
             record["tables"]["bolts"] = _try(lambda: _table(answer.bolts()))

@@ -58,7 +58,7 @@ class Values:
             raise
         except (SceneError, InputError) as error:
             raise self.text.within(place, str(error)) from None
-        except (TypeError, ValueError, ArithmeticError) as error:
+        except (TypeError, ValueError, ArithmeticError, RecursionError) as error:
             raise self.text.error(place, f"a value that does not fit: {error}") from None
 
     def read_named(self) -> None:

@@ -136,6 +136,11 @@ def test_exit_codes_follow_from_statuses(statuses: list[str], reached: bool, lat
     assert code_of(statuses, reached, late) == code
 
 
+def test_a_number_that_there_is_not_is_wrong_input(deck: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(changed(deck, "layer.pressure_max", "layer.presure_max"))]) == 2
+    assert "presure_max" in capsys.readouterr().err.splitlines()[-1]
+
+
 def test_exit_codes_by_faults(deck: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = deck.read_text()
     faults = {
