@@ -133,7 +133,8 @@ def _answer(deck: Deck, folder: Path | None, phase: Callable[[str], None], deadl
     if deck.way == "accuracy":
         phase("iteration and samples to the accuracy")
         del settings["progress"]
-        return solve(problem, meshes=False, max_seconds=deck.run.get("max_seconds"), **settings)
+        settings |= {"meshes": False, "max_seconds": deck.run.get("max_seconds")}
+        return solve(problem, **settings)
     if deck.run.get("quantity") is not None or deck.run.get("max_unknowns") is not None:
         raise SceneError("run: quantity and max_unknowns go with an accuracy: accuracy = 1e-2")
     settings["callback"] = deadline
@@ -175,7 +176,7 @@ def _record(deck: Deck, run: Run, said: tuple[str, ...], seconds: float) -> dict
         "deck": deck.path.name if deck.path else None,
         "way": deck.way,
         "units": {name: unit for name, unit in units_of(deck.units).items() if name},
-        "versions": {"latin_core": __version__, "dolfinx": dolfinx.__version__, "numpy": np.__version__,
+        "versions": {"latin_core": __version__, "dolfinx": str(getattr(dolfinx, "__version__", "")), "numpy": np.__version__,
                      "python": platform.python_version()},
         "seconds": seconds,
         "warnings": list(said),
@@ -183,7 +184,8 @@ def _record(deck: Deck, run: Run, said: tuple[str, ...], seconds: float) -> dict
     }
     answer = run.answer
     if answer is None:
-        return _plain({**record, "status": None, "quantities": [], "tables": {}})
+        empty: dict[str, Any] = {"status": None, "quantities": [], "tables": {}}
+        return {**_plain(record), **empty}
     record |= {"status": answer.status, "statuses": _statuses(answer)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -196,7 +198,7 @@ def _record(deck: Deck, run: Run, said: tuple[str, ...], seconds: float) -> dict
         record["tables"] = {"interfaces": _try(lambda: _table(answer.table(step=None)))}
         if getattr(answer, "times", None) is not None and len(answer.times) > 1:
             record["tables"]["bolts"] = _try(lambda: _table(answer.bolts()))
-    return _plain(record)
+    return {**_plain(record)}
 
 
 def _try(read: Callable[[], Any]) -> Any:

@@ -35,13 +35,13 @@ def _reference(name: str) -> dict[str, str]:
 
 def _of_word(word: Word) -> dict[str, Any]:
     found: dict[str, Any] = {
-        "plain": lambda: of_type(word.hint),
-        "value": lambda: _reference("value"),
-        "values": lambda: {"anyOf": [_reference("value"), {"type": "object"}]},
-        "record": lambda: _reference(word.hint.__name__),
-        "code": lambda: {"type": "string", "pattern": "^[\\w.]+:[\\w.]+$"},
-        "distribution": lambda: {"type": "object", "required": ["name"]},
-    }.get(word.kind, dict)()
+        "plain": of_type(word.hint),
+        "value": _reference("value"),
+        "values": {"anyOf": [_reference("value"), {"type": "object"}]},
+        "record": _reference(getattr(word.hint, "__name__", "")),
+        "code": {"type": "string", "pattern": "^[\\w.]+:[\\w.]+$"},
+        "distribution": {"type": "object", "required": ["name"]},
+    }.get(word.kind, {})
     if word.name == "cuts":
         found = {"anyOf": [found, {"type": "array", "items": found}]}
     said = {"description": word.text} if word.text else {}
@@ -69,7 +69,11 @@ def _of_call(known: Mapping[str, Word], given: tuple[str, ...] = ()) -> dict[str
             properties[name] = _of_word(word)
     needed = [name for name, word in own.items() if word.required and word.kind != "part"]
     found: dict[str, Any] = {"type": "object", "properties": properties, "required": needed}
-    return found | ({"allOf": variants} if variants else {"additionalProperties": False})
+    if variants:
+        found["allOf"] = variants
+    else:
+        found["additionalProperties"] = False
+    return found
 
 
 def _one_of(makers: Mapping[str, Any], given: tuple[str, ...]) -> list[dict[str, Any]]:

@@ -76,6 +76,7 @@ def _scene(values: Values, top: Mapping[str, Any]) -> Scene:
     text = values.text
     calls: list[tuple[int, Place, Callable[[Scene], None]]] = []
     for name, method in METHODS.items():
+        found: list[tuple[Place, Mapping[str, Any], dict[str, Any]]]
         if name in NAMED:
             found = [((name, key), values.table(each, (name, key)), {"name": key})
                      for key, each in values.section(name)]
@@ -107,11 +108,13 @@ def _arguments(
     """The arguments of a method from its table."""
     known = words(method)
     found: dict[str, Any] = dict(given)
-    rest, fields = dict(table), {}
+    rest: dict[str, Any] = dict(table)
+    fields: Mapping[str, Any] = {}
     for name, word in known.items():
         if word.kind in CLASSES:
             found[name], rest = values.object(word.kind, rest, place)
-            fields = words(type(found[name])) if type(found[name]) in CLASSES[word.kind].values() else {}
+            kind: Any = type(found[name])
+            fields = words(kind) if kind in CLASSES[word.kind].values() else {}
         elif word.kind == "part":
             found[name], rest = values.part(rest, place)
     own = {name: word for name, word in known.items() if name not in found}
