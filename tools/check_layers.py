@@ -193,6 +193,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "solvers": (
         "support",
         "loose",
+        "bonds",
         "refinement",
         "collocation",
         "deterministic",
@@ -291,7 +292,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
 }
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
 
-LAZY: frozenset[tuple[str, str]] = frozenset({("scene.scene", "decks.writing")})
+LAZY: frozenset[tuple[str, str]] = frozenset()
 """Imports that point upward on purpose, inside a function only."""
 
 PENDING: frozenset[tuple[str, str]] = frozenset()

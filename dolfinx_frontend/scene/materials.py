@@ -17,6 +17,7 @@ import numpy.typing as npt
 import ufl
 from ufl.domain import extract_unique_domain
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_numbers, checked_reals, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
@@ -242,6 +243,13 @@ def matrix_stress(matrix: npt.NDArray[np.float64], u: Any) -> Any:
         return ufl.as_matrix([[s[0], s[2]], [s[2], s[1]]])
     s = ufl.dot(C, ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in _VOIGT]))
     return ufl.as_matrix([[s[0], s[5], s[4]], [s[5], s[1], s[3]], [s[4], s[3], s[2]]])
+
+
+def modulus_along(matrix: Array, normals: Array) -> Array:
+    """Young's modulus (m,), force / area, along unit vectors (m, d), from :func:`matrix_stress`."""
+    pairs = _VOIGT if len(matrix) == 6 else ((0, 0), (1, 1), (0, 1))
+    stress = np.array([normals[:, i] * normals[:, j] for i, j in pairs])
+    return 1.0 / np.asarray((stress * np.linalg.solve(matrix, stress)).sum(axis=0))
 
 
 def _strain_rotation(axes: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -22,6 +22,7 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, accuracy_of_run
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.solvers.bonds import check_bonds
 from dolfinx_frontend.solvers.loose import check_bolts
 from dolfinx_frontend.solvers.refinement import corrected
 from dolfinx_frontend.solvers.support import Support, check_support
@@ -74,8 +75,10 @@ def solve_once(
         if result.statuses[0] == "converged" and result.statuses[lost.step] != "converged":
             lost.answer = result
             check_bolts(result)
+            check_bonds(result)
         raise
     check_bolts(result)
+    check_bonds(result)
     return result
 
 

@@ -58,7 +58,7 @@ Iteration iteration_of(const py::tuple& parts) {
 py::tuple parts_of(const Summary& s) {
   return py::make_tuple(static_cast<int>(s.status), s.iterations, s.error, s.indicator, s.energy,
                         s.global_s, s.local_s, s.newton_s, s.other_s, s.newton_steps, s.restarts,
-                        s.history, s.errors, s.scatter, s.flexibility_s);
+                        s.history, s.errors, s.scatter, s.flexibility_s, s.falls);
 }
 
 Summary summary_of(const py::tuple& parts) {
@@ -78,6 +78,7 @@ Summary summary_of(const py::tuple& parts) {
   s.errors = parts[12].cast<latin::Matrix>();
   s.scatter = parts[13].cast<double>();
   s.flexibility_s = parts[14].cast<double>();
+  s.falls = parts[15].cast<latin::Vector>();
   return s;
 }
 
@@ -126,6 +127,10 @@ void bind_results(py::module_& m) {
       .def_readonly("newton_s", &Summary::newton_s, "Seconds in Newton steps.")
       .def_readonly("newton_steps", &Summary::newton_steps, "Newton steps of single columns.")
       .def_readonly("other_s", &Summary::other_s, "Seconds in acceleration and error measure.")
+      .def_readonly(
+          "falls", &Summary::falls,
+          "(columns,), or empty: by what share of itself the load has to fall where bonds "
+          "tear before it reaches that of the column: there a structure snaps.")
       .def_readonly("restarts", &Summary::restarts, "Times that the history was dropped.")
       .def_readonly("history", &Summary::history, "Its iterations.")
       .def(py::pickle([](const Summary& s) { return parts_of(s); }, &summary_of))

@@ -386,6 +386,19 @@ class Law:
         return False
 
     @property
+    def softens(self) -> bool:
+        """Whether it comes apart, as a bond does: :meth:`damage` and :meth:`process_zone` say how far."""
+        return False
+
+    def damage(self, points: Points, jump: Array) -> Array:
+        """Share of the stiffness that is lost (m,) where a jump (m, components) is the largest so far."""
+        return np.zeros(points.num_points)
+
+    def process_zone(self, points: Points, modulus: Array) -> Array:
+        """Length (m,) over which it softens ahead of a crack, between parts of a modulus (m,)."""
+        return np.full(points.num_points, np.inf)
+
+    @property
     def doubt(self) -> str:
         """What is probably not meant with its values; empty: nothing."""
         return ""

@@ -31,7 +31,7 @@ class Debonding(Law):
 
     The law softens: the search direction must be larger than strength / (opening - strength / normal), twice
     that with two sides. The plan's is raised where it is not. Where the structure is softer than that slope,
-    the bond snaps back and there is no static answer to find.
+    the bond snaps: its path leads through loads that fall, which a warning says.
 
     Parameters
     ----------
@@ -115,6 +115,33 @@ class Debonding(Law):
         softest: Array = np.repeat(SOFTENING * slope, self.count(points.dim), axis=1)
         softest[:, 1:] *= values["tangential"] / values["normal"]
         return softest
+
+    @property
+    def softens(self) -> bool:
+        return True
+
+    def damage(self, points: Points, jump: Array) -> Array:
+        normal, strength = (resolve(value, points, 1) for value in (self.normal, self.strength))
+        opening = jump - self.jumps(points)[:, : jump.shape[1]]
+        opening[:, 0] = np.maximum(opening[:, 0], 0.0)  # contact stays elastic
+        if self.tangential is not None:
+            opening[:, 1:] *= np.sqrt(resolve(self.tangential, points, 1) / normal)
+        first = (strength / normal)[:, 0]
+        last = 2.0 * self._energies(points) / strength[:, 0]
+        largest = np.maximum(np.linalg.norm(opening, axis=1), first)
+        return np.asarray(np.minimum(last * (1.0 - first / largest) / (last - first), 1.0))
+
+    def process_zone(self, points: Points, modulus: Array) -> Array:
+        """E G / strength^2 (A. Turon et al., Eng. Fract. Mech. 74 (2007) 1665, with M = 1)."""
+        strength = resolve(self.strength, points, 1)[:, 0]
+        return np.asarray(modulus * self._energies(points) / strength**2)
+
+    def _energies(self, points: Points) -> Array:
+        """(m,), of separation, force / length."""
+        if self.energy is not None:
+            return resolve(self.energy, points, 1)[:, 0]
+        both = resolve(self.strength, points, 1) * resolve(self.opening, points, 1)
+        return np.asarray(0.5 * both[:, 0])
 
     def _unit(self, points: Points, parameter: str) -> Array:
         if parameter == "jump":

@@ -167,6 +167,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   memory_ = system_.blank();
   far_ = farthest * std::max(lengths_, reach_of_loads(state));
   double stages = 0.0;
+  outcome.falls = Vector::Zero(state.data.cols());
   for (Index index = 0; index < columns; ++index) {
     if (index % system_.laws().steps() == 0) {
       memory_ = system_.blank();
@@ -174,6 +175,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
     }
     Column column = begin(state, index);
     stages += 3.0;
+    fall_ = 0.0;
     if (!solve_column(state, column, tolerance, outcome.steps)) {
       outcome.slides = slides_ && state.data.cols() == system_.laws().steps();
       break;
@@ -181,6 +183,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
     last_ = {column.force(), column.jump, {}};
     scale_ = std::max(scale_, skeleton_->size_of(last_.force));
     system_.advance(index, memory_, column.jump, own_);
+    outcome.falls(index) = fall_;
     ++outcome.solved;
   }
   outcome.stages = (stages + static_cast<double>(outcome.steps)) / static_cast<double>(columns);

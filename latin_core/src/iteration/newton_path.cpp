@@ -60,7 +60,9 @@ Newton::Course Newton::course_of(const State& state, Column& column) {
   column = started(index, last_.force, data.col(0), system_.traces(data, before).col(0));
   evaluate(column);
   return {{end.start.answer - column.start.answer, end.start.loads - column.start.loads},
-          end.jump - column.jump};
+          end.jump - column.jump,
+          before,
+          amplitudes_.col(index) - before};
 }
 
 /// With loads that grow from those of the step before, by as much as Newton's steps follow.
@@ -103,6 +105,7 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
   bool goes_on = column.norm <= rounding_of_forces * scale_ ||
                  attempt(column, tolerance, {&last_, false}, steps);
   double least = 0.0;
+  double peak = 0.0;
   for (Index part = 0; part < most_parts && goes_on && course.load != 1.0; ++part) {
     if (!at_strength(column)) {
       goes_on = go_elastic(course, column, tolerance, steps);
@@ -115,6 +118,9 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
     least = std::max(least, least_share * energy_);
     energy_ *= advance(course, column, tolerance, steps);
     goes_on = energy_ > least && !stopped_;
+    peak = std::max(peak, course.load);
+    fall_ = std::max(fall_, (peak - course.load) * course.change.norm() /
+                                (course.before + peak * course.change).norm());
   }
   if (torn_) {  // what has come off slides away, or comes to rest
     load(course, column, 1.0 - course.load);

@@ -236,8 +236,12 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
       dense = true;
       make();
       const NewtonOutcome further = newton->solve(state, tolerance, most);
-      outcome = {further.solved, outcome.stages + further.stages, outcome.steps + further.steps,
-                 0.0, further.slides};
+      outcome = {further.solved,
+                 outcome.stages + further.stages,
+                 outcome.steps + further.steps,
+                 0.0,
+                 further.slides,
+                 further.falls};
     }
     outcome.flexibility_s = seconds;
     return outcome;

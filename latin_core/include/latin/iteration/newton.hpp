@@ -32,7 +32,8 @@ namespace latin::iteration {
 /// the columns before it are answers.
 ///
 /// Bonds that soften are followed along their path: elastic up to the load at which the first point is damaged, then by
-/// what is dissipated, with the load as one more unknown, through loads that fall, until the step's is reached.
+/// what is dissipated, with the load as one more unknown, through loads that fall, until the step's is reached. Where
+/// the load falls, a structure under the loads of the history snaps.
 ///
 /// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: see Skeleton.
 ///
@@ -102,6 +103,8 @@ class Newton {
   struct Course {
     Skeleton::Start start;  ///< change of that, and of the free jumps
     Vector jump;
+    Vector before;  ///< amplitudes of the step before, and their change
+    Vector change;
     double load = 0.0;  ///< reached so far: 0 to 1
     /// Change of it with what an increment dissipates, at its beginning and its end.
     double rate_at_first = 0.0;
@@ -176,6 +179,7 @@ class Newton {
   Vector softening_;             ///< areas of their unknowns, else 0
   bool torn_ = false;            ///< whether the last path ended where nothing holds the parts
   double energy_ = 0.0;          ///< that the next increment of their path dissipates
+  double fall_ = 0.0;            ///< of the load on their path, see NewtonOutcome
   Vector intact_;                ///< stiffness of bonds that nothing has damaged, else 0
   double scale_ = 0.0;           ///< size of the forces
   std::function<bool(Index)> goes_on_;

@@ -17,6 +17,8 @@ struct NewtonOutcome {
   double flexibility_s = 0.0;  ///< seconds of the flexibility of the bodies, where it was made
   bool slides =
       false;  ///< whether the next column has no equilibrium on the way there: something slides away
+  /// By what share of itself the load of each column has to fall on the way of its bonds; empty: it was not solved.
+  Vector falls{};
 };
 
 /// When Newton's method is tried, what it proposes, and whether the run follows.

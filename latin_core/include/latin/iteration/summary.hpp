@@ -64,6 +64,8 @@ struct Summary {
   double other_s = 0.0;        ///< acceleration and error measure
   Index newton_steps = 0;      ///< of single columns
   Index restarts = 0;          ///< times the safeguard dropped the history
+  Vector
+      falls;  ///< (columns), or empty: by what share of itself the load falls where bonds tear, see Newton
   std::vector<Iteration> history;
 };
 
