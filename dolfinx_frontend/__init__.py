@@ -18,7 +18,7 @@ from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.interrupts import keep_broken_pipes as _keep_broken_pipes
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.results.errors import Errors
-from dolfinx_frontend.decks.reading import read_deck
+from dolfinx_frontend.decks.writing import to_deck as _to_deck  # noqa: F401  a method of Scene
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
@@ -96,6 +96,7 @@ _DEFERRED = {
     "Report": "sheets.report",
     "report": "sheets.report",
     "InpDeck": "decks.abaqus.deck",
+    "read_deck": "decks.reading",
     "read_inp": "decks.abaqus.deck",
 }
 """Name -> module that is loaded when it is asked for: who solves draws nothing, and reads no deck."""
@@ -103,6 +104,7 @@ _DEFERRED = {
 if _TYPE_CHECKING:
     from dolfinx_frontend import figures
     from dolfinx_frontend.decks.abaqus.deck import InpDeck, read_inp
+    from dolfinx_frontend.decks.reading import read_deck
     from dolfinx_frontend.sheets.report import Report, report
 else:
 

@@ -15,7 +15,7 @@ from latin_core import InputError, NumericalError, __version__
 
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.common.errors import BalanceError, SceneError
-from dolfinx_frontend.common.files import made_folder, write_text
+from dolfinx_frontend.common.files import Files, write_text
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.decks.proposing import proposed
 from dolfinx_frontend.decks.reading import READERS, read_deck
@@ -169,7 +169,8 @@ def _run(given: argparse.Namespace) -> int:
     if folder.exists() and not folder.is_dir():
         raise DeckError(f"{folder} is no folder: choose another one with -o")
     record: dict[str, Any] = {"exit_code": None, "status": "running", "message": "", "deck": given.deck.name}
-    made_folder(folder)
+    with Files() as files:
+        files.folder(folder)
     write_text(folder / RESULT, json.dumps(record) + "\n")
     try:
         with Life(EVERY) as life:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.files import opened
+from dolfinx_frontend.common.files import OBJECTS, opened, shown
 
 __all__ = ["DeckError", "Lines", "Place", "Text", "read_text"]
 
@@ -167,10 +167,10 @@ def read_text(path: Path) -> Text:
         No file, no text in UTF-8, no TOML; with the line.
     """
     try:
-        with opened(path) as file:
+        with opened(path, OBJECTS, DeckError) as file:
             content = file.read(MOST_BYTES + 1)
-    except (OSError, ValueError) as error:
-        raise DeckError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    except OSError as error:
+        raise DeckError(f"{shown(path)} cannot be read: {error.strerror}") from None
     if len(content) > MOST_BYTES:
         raise DeckError(f"{path.name}: it has more than {MOST_BYTES >> 20} MB; a deck is a short text")
     try:

@@ -27,7 +27,7 @@ from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.values import is_random_field, is_uncertain
 
-__all__ = ["deck_text", "quoted", "relative", "write_deck"]
+__all__ = ["deck_text", "quoted", "relative", "to_deck", "write_deck"]
 
 WIDTH = 108
 """Characters of a line, beyond which an array has a line for each entry."""
@@ -314,3 +314,28 @@ def _text(value: Any) -> str:
         return str(value)
     text = repr(float(value))
     return text if "." in text or "n" in text or "e" not in text else text.replace("e", ".0e", 1)
+
+
+def to_deck(scene: Scene, path: str | Path, *, units: tuple[str, str] | None = None, title: str = "") -> None:
+    """Write the scene as a deck in TOML, which :func:`dolfinx_frontend.read_deck` and ``latin run`` read.
+
+    The deck has every number to the last bit; files of parts are named relative to its folder.
+
+    Parameters
+    ----------
+    path
+        The file, ``"joint.toml"``.
+    units
+        Those of length and force, ``("mm", "N")``: a statement.
+    title
+        One line.
+
+    Raises
+    ------
+    SceneError
+        What no deck can hold: functions that have no name in a module, meshes that were made in Python.
+    """
+    write_deck(scene, path, units=units, title=title)
+
+
+Scene.to_deck = to_deck

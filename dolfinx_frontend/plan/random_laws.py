@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from latin_core.stochastic import ChaosBasis
-from scipy.special import log_ndtr
 
 from dolfinx_frontend.assembly.held import check_held
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.deferred import special
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.kept import kept
@@ -418,7 +418,7 @@ def _falls_as(source: RandomParameter | Expression, tail: float) -> float:
     far, near = source.at({name: leaf.from_normal(tail * _FAR[::-1])})
     if far == 0.0 or not 0.0 < far < near:
         return 0.0 if far == 0.0 else np.inf
-    rate = -np.subtract(*log_ndtr(-_FAR[::-1])) / np.log(near / far)
+    rate = -np.subtract(*special.log_ndtr(-_FAR[::-1])) / np.log(near / far)
     return float(np.round(rate, 2))
 
 

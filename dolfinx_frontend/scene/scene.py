@@ -7,8 +7,7 @@ where it is made.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any, NoReturn, SupportsIndex
+from typing import Any, ClassVar, NoReturn, SupportsIndex
 
 import numpy as np
 
@@ -104,6 +103,8 @@ class Scene:
     >>> scene.interface("joint", "cylinder:top", "cover:bottom", Elastic(normal=100.0))
     >>> scene.symmetry("cover:side")
     """
+
+    to_deck: ClassVar[Callable[..., None]]  # of decks, which stand above
 
     def __init__(self, axisymmetric: bool = False) -> None:
         self.axisymmetric = checked_flag("Scene", "axisymmetric", axisymmetric)
@@ -846,29 +847,6 @@ class Scene:
                 )
             values["factor"] = factor
         self._add("temperature", part, name, values, {k: (v, alpha) for k, v in shapes.items()})
-
-    def to_deck(self, path: str | Path, *, units: tuple[str, str] | None = None, title: str = "") -> None:
-        """Write the scene as a deck in TOML, which :func:`dolfinx_frontend.read_deck` and ``latin run`` read.
-
-        The deck has every number to the last bit; files of parts are named relative to its folder.
-
-        Parameters
-        ----------
-        path
-            The file, ``"joint.toml"``.
-        units
-            Those of length and force, ``("mm", "N")``: a statement.
-        title
-            One line.
-
-        Raises
-        ------
-        SceneError
-            What no deck can hold: functions that have no name in a module, meshes that were made in Python.
-        """
-        from dolfinx_frontend.decks.writing import write_deck
-
-        write_deck(self, path, units=units, title=title)
 
     def __repr__(self) -> str:
         lines = [

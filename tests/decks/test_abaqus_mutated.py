@@ -148,7 +148,7 @@ def test_mutated_decks(seed: int, tmp_path: Path) -> None:
     ("*STEP\n*STATIC\n", ("deck.inp:1", "*END STEP is missing")),
     ("*INCLUDE, INPUT=../other.inp\n", ("deck.inp:1", "outside of the folder")),
     ("*INCLUDE, INPUT=deck.inp\n", ("*INCLUDE", "include itself")),
-    ("*INCLUDE, INPUT=nothing.inp\n", ("deck.inp:1", "cannot be read")),
+    ("*INCLUDE, INPUT=nothing.inp\n", ("deck.inp:1", "does not exist")),
     ("*FREQUENCY\n", ("1 card(s) are refused", "deck.inp:1: *FREQUENCY")),
 ])
 def test_errors(text: str, words: tuple[str, ...], tmp_path: Path) -> None:

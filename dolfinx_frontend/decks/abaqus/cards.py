@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.files import opened
+from dolfinx_frontend.common.files import OBJECTS, opened
 
 __all__ = ["Card", "DeckError", "Note", "Row", "Where", "placed", "read_cards"]
 
@@ -152,14 +152,17 @@ class _Reader:
             raise DeckError(f"{prefix}more than {_DEPTH} includes inside each other, or {_FILES} files: does "
                             "a file include itself? Take the include out")
         try:
-            with opened(path) as file:
+            with opened(path, OBJECTS, DeckError) as file:
                 self.size += os.fstat(file.fileno()).st_size
                 if self.size > _BYTES:
                     raise DeckError(f"{prefix}the deck has more than {_BYTES >> 20} MB; divide it")
                 content = file.read(_BYTES).decode("utf-8", errors="replace")
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise DeckError(f"{prefix}{path.name!r} cannot be read ({why}); check the name") from error
+        except DeckError as error:
+            said = str(error).removeprefix(prefix)
+            raise DeckError(f"{prefix}{said}") from error
+        except OSError as error:
+            why = f"{path.name!r} cannot be read ({error.strerror}); check the name"
+            raise DeckError(f"{prefix}{why}") from error
         name = path.name
         pending: tuple[Where, str] | None = None
         for number, line in enumerate(content.split("\n"), start=1):
