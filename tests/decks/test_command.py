@@ -19,6 +19,7 @@ import dolfinx_frontend as lf
 from dolfinx_frontend.decks.command import main
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.decks.running import code_of
+from tests.decks.decks import STEEL, Brick
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "demos" / "first_bolt.toml"
@@ -72,6 +73,23 @@ def changed(deck: Path, old: str, new: str) -> Path:
     assert old in text
     deck.write_text(text.replace(old, new, 1))
     return deck
+
+
+def test_an_abaqus_deck_runs_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Equilibrium of a block under pressure; what was changed is listed with its line, before and after."""
+    block = Brick("C3D8", "BLOCK", (1.0, 2.0, 3.0), (1, 1, 1))
+    step = "*BOUNDARY\nBLOCK_Z0, 1, 3\n*STEP, NLGEOM\n*STATIC\n*DSLOAD\nSBLOCK_Z1, P, 10.\n*END STEP\n"
+    path = tmp_path / "block.inp"
+    path.write_text(block.text() + STEEL + step)
+    said = f"block.inp:{path.read_text().split(chr(10)).index('*STEP, NLGEOM') + 1}: *STEP changed"
+    assert main(["check", str(path)]) == 0
+    assert said in capsys.readouterr().out
+    assert main(["run", str(path), "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["notes"][0].startswith(said)
+    deck = lf.read_deck(path)
+    result = lf.solve(lf.assemble(deck.scene), **deck.run)
+    assert result.table("BLOCK_Z0")["force_z"] == pytest.approx([20.0], rel=1e-9)
 
 
 def test_a_run_is_the_same_as_python(deck: Path, capsys: pytest.CaptureFixture[str]) -> None:
