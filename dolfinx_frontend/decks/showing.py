@@ -119,6 +119,8 @@ class Life(logging.Handler):
     def __init__(self, every: float) -> None:
         super().__init__(logging.INFO)
         self.every, self.began, self.phase, self.latest = every, time.monotonic(), "start", ""
+        self._loggers = [logging.getLogger(name) for name in ("dolfinx_frontend", "latin_core")]
+        self._before: list[tuple[int, bool]] = []
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._tell, daemon=True)
 
@@ -145,8 +147,8 @@ class Life(logging.Handler):
             self._line(text)
 
     def __enter__(self) -> Self:
-        for name in ("dolfinx_frontend", "latin_core"):
-            logger = logging.getLogger(name)
+        for logger in self._loggers:
+            self._before.append((logger.level, logger.propagate))
             logger.addHandler(self)
             if not sys.stderr.isatty():
                 logger.setLevel(logging.INFO)
@@ -159,5 +161,7 @@ class Life(logging.Handler):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._over.set()
-        for name in ("dolfinx_frontend", "latin_core"):
-            logging.getLogger(name).removeHandler(self)
+        for logger, (level, propagate) in zip(self._loggers, self._before, strict=True):
+            logger.removeHandler(self)
+            logger.setLevel(level)
+            logger.propagate = propagate

@@ -236,7 +236,7 @@ def test_links_without_an_end(read: Any, tmp_path: Path) -> None:
     (tmp_path / "a.step").symlink_to(tmp_path / "b.step")
     (tmp_path / "b.step").symlink_to(tmp_path / "a.step")
     for path in (tmp_path / "a.step", tmp_path / ("x" * 300)):
-        with pytest.raises(SceneError, match="there is no (STEP|mesh) file '.*(a.step|xx)'"):
+        with pytest.raises(SceneError, match="(a.step|xx) cannot be read .*: give the name of a file"):
             read(path)
 
 

@@ -119,8 +119,10 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
     energy_ *= advance(course, column, tolerance, steps);
     goes_on = energy_ > least && !stopped_;
     peak = std::max(peak, course.load);
-    fall_ = std::max(fall_, (peak - course.load) * course.change.norm() /
-                                (course.before + peak * course.change).norm());
+    if (peak > 0.0) {  // what only unloads does not snap
+      fall_ = std::max(fall_, (peak - course.load) * course.change.norm() /
+                                  (course.before + peak * course.change).norm());
+    }
   }
   if (torn_) {  // what has come off slides away, or comes to rest
     load(course, column, 1.0 - course.load);
