@@ -18,7 +18,7 @@ struct NewtonOutcome {
   bool slides =
       false;  ///< whether the next column has no equilibrium on the way there: something slides away
   /// By what share of itself the load of each column has to fall on the way of its bonds; empty: it was not solved.
-  Vector falls{};
+  Vector falls;
 };
 
 /// When Newton's method is tried, what it proposes, and whether the run follows.
