@@ -119,9 +119,10 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
     energy_ *= advance(course, column, tolerance, steps);
     goes_on = energy_ > least && !stopped_;
     peak = std::max(peak, course.load);
-    if (peak > 0.0) {  // what only unloads does not snap
-      fall_ = std::max(fall_, (peak - course.load) * course.change.norm() /
-                                  (course.before + peak * course.change).norm());
+    if (peak > 0.0) {  // what only unloads does not snap, nor does a load that turns by passing 0
+      const double most =
+          std::max(course.before.norm(), (course.before + peak * course.change).norm());
+      fall_ = std::max(fall_, (peak - course.load) * course.change.norm() / most);
     }
   }
   if (torn_) {  // what has come off slides away, or comes to rest

@@ -487,9 +487,8 @@ void Run::propose(Index most) {
   summary_.flexibility_s += outcome.flexibility_s;
   newton_stages_ += static_cast<Index>(std::ceil(outcome.stages));
   summary_.newton_steps += outcome.steps;
-  if (summary_.falls.size() == 0) {
-    summary_.falls = outcome.falls;
-  } else if (outcome.falls.size() > 0) {  // an answer that is found again has no way
+  if (outcome.falls.size() > 0) {  // an answer that is found again has no way
+    summary_.falls.conservativeResizeLike(Vector::Zero(outcome.falls.size()));
     summary_.falls = summary_.falls.cwiseMax(outcome.falls);
   }
 }
