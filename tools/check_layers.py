@@ -263,6 +263,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "report",
     ),
     "decks": (
+        "lines",
         "abaqus.keywords",
         "abaqus.cards",
         "abaqus.elements",
@@ -278,7 +279,6 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "words",
         "settings",
         "schema",
-        "lines",
         "formulas",
         "values",
         "toml",

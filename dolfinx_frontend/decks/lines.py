@@ -26,7 +26,15 @@ _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 
 
 class DeckError(SceneError):
-    """A deck that cannot be read as it is; the message begins with file and line."""
+    """A deck that cannot be read as it is; the message begins with file and line.
+
+    Attributes
+    ----------
+    notes
+        What is refused, all of it, if that is the reason.
+    """
+
+    notes: tuple[Any, ...] = ()
 
 
 class Lines:

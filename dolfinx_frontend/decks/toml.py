@@ -7,6 +7,7 @@ they are called in the order of the text. Values are described in ``docs/command
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,7 @@ def _scene(values: Values, top: Mapping[str, Any]) -> Scene:
         else:
             found = [((name, k), each, {}) for k, each in enumerate(values.tables(name))]
         for place, table, given in found:
-            calls.append((text.line(place), place, _call(values, method, table, place, given)))
+            calls.append((text.line(place), place, partial(_call, values, method, table, place, given)))
     if "step" in text.data:
         scene = _of_step(values, values.table(text.data["step"], ("step",)))
         if top.get("axisymmetric"):
@@ -98,14 +99,15 @@ def _scene(values: Values, top: Mapping[str, Any]) -> Scene:
     return scene
 
 
-def _arguments(
+def _call(
     values: Values,
     method: Callable[..., Any],
     table: Mapping[str, Any],
     place: Place,
     given: Mapping[str, Any],
-) -> dict[str, Any]:
-    """The arguments of a method from its table."""
+    of: Any,
+) -> None:
+    """A method of a scene or a STEP assembly with the arguments of its table."""
     known = words(method)
     found: dict[str, Any] = dict(given)
     rest: dict[str, Any] = dict(table)
@@ -122,20 +124,7 @@ def _arguments(
     found |= values.known(rest, place, own)
     if "law" in found and "first" in found and "second" not in found:
         found["second"] = found.pop("law")
-    return found
-
-
-def _call(
-    values: Values,
-    method: Callable[..., Any],
-    table: Mapping[str, Any],
-    place: Place,
-    given: Mapping[str, Any],
-) -> Callable[[Any], None]:
-    def call(of: Any) -> None:
-        method(of, **_arguments(values, method, table, place, given))
-
-    return call
+    method(of, **found)
 
 
 def _of_step(values: Values, table: Mapping[str, Any]) -> Scene:
@@ -154,7 +143,7 @@ def _of_step(values: Values, table: Mapping[str, Any]) -> Scene:
     for name, method in OF_STEP.items():
         for k, each in enumerate(values.tables(name, table, place)):
             at = ("step", name, k)
-            calls.append((text.line(at), at, _call(values, method, each, at, {})))
+            calls.append((text.line(at), at, partial(_call, values, method, each, at, {})))
     for _, at, call in sorted(calls, key=lambda each: each[0]):
         with values.located(at):
             call(step)

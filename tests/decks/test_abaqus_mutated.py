@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import dolfinx_frontend as lf
-from dolfinx_frontend.decks.abaqus.cards import DeckError
+from dolfinx_frontend.decks.lines import DeckError
 from tests.decks.decks import STEEL, Brick
 
 LINE = re.compile(r"\w+\.inp(:\d+)?: ")

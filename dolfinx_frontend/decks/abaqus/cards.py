@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import OBJECTS, opened
+from dolfinx_frontend.decks.lines import DeckError
 
-__all__ = ["Card", "DeckError", "Note", "Row", "Where", "placed", "read_cards"]
+__all__ = ["Card", "Note", "Row", "Where", "placed", "read_cards"]
 
 _BYTES = 1 << 30
 """Size of a deck with all that it includes from which on it is refused, bytes."""
@@ -44,18 +45,6 @@ class Note(NamedTuple):
     file: str
     line: int
     text: str
-
-
-class DeckError(SceneError):
-    """A deck that cannot be read as a scene; the message has file and line.
-
-    Attributes
-    ----------
-    notes
-        What is refused, all of it, if that is the reason.
-    """
-
-    notes: tuple[Note, ...] = ()
 
 
 @contextmanager

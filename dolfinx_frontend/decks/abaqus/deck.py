@@ -8,13 +8,14 @@ from pathlib import Path
 from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.decks.abaqus.cards import DeckError, Note, read_cards
+from dolfinx_frontend.decks.abaqus.cards import Note, read_cards
 from dolfinx_frontend.decks.abaqus.history import History, Step
 from dolfinx_frontend.decks.abaqus.interfaces import Faces, Joints, cuts_of, references_of
 from dolfinx_frontend.decks.abaqus.loads import Loads
 from dolfinx_frontend.decks.abaqus.materials import expansion_of, material_of, number_of, thickness_of
 from dolfinx_frontend.decks.abaqus.model import Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh
+from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.scene import Scene
 
 __all__ = ["InpDeck", "read_inp"]

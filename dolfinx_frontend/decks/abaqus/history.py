@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from dolfinx_frontend.decks.abaqus.cards import Card, DeckError, Row
+from dolfinx_frontend.decks.abaqus.cards import Card, Row
 from dolfinx_frontend.decks.abaqus.model import Model
+from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.amplitudes import Amplitude
 
 __all__ = ["Curve", "Given", "History", "Key", "Step"]

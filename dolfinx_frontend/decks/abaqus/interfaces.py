@@ -12,11 +12,12 @@ from scipy.spatial import cKDTree
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.decks.abaqus.cards import Card, DeckError, Row, Where, placed
+from dolfinx_frontend.decks.abaqus.cards import Card, Row, Where, placed
 from dolfinx_frontend.decks.abaqus.elements import FACES, listed
 from dolfinx_frontend.decks.abaqus.history import History
 from dolfinx_frontend.decks.abaqus.model import Interaction, Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs
+from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
 from dolfinx_frontend.scene.scene import Scene
 

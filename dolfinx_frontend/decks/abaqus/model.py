@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.decks.abaqus.cards import Card, DeckError, Note, Row, Where
+from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, Where
 from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, REFERENCE_NODES
 from dolfinx_frontend.decks.abaqus.keywords import REPRESENTED, fate
+from dolfinx_frontend.decks.lines import DeckError
 
 __all__ = ["Element", "Model", "Scope", "Surface"]
 
