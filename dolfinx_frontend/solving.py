@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack, overload
 
@@ -27,6 +28,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
+from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
 from dolfinx_frontend.estimate.meshes import solve_scene
@@ -40,13 +42,13 @@ from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Compared, Interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.solvers.deterministic import solve_once, start_states
 from dolfinx_frontend.solvers.export import export
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = [
@@ -114,6 +116,7 @@ def solve(
     start: Result | State | None = None,
     callback: Callable[[Iteration], None] | None = None,
     progress: bool = True,
+    max_seconds: float | None = None,
 ) -> Result: ...
 
 
@@ -131,6 +134,7 @@ def solve(
     start: Result | State | None = None,
     callback: Callable[[Iteration], None] | None = None,
     progress: bool = True,
+    max_seconds: float | None = None,
 ) -> HistoryResult: ...
 
 
@@ -149,6 +153,7 @@ def solve(
     indefinite: Literal["refuse", "prove"] = "refuse",
     callback: Callable[[Iteration], None] | None = None,
     progress: bool = True,
+    max_seconds: float | None = None,
 ) -> ChaosResult: ...
 
 
@@ -222,10 +227,9 @@ def solve(
     meshes
         With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
     max_unknowns, max_seconds
-        Budgets: of the meshes of a scene, in unknowns of all parts (None: 400 000); with `accuracy`, in
-        seconds (None: no limit): once anything is solved it ends then as with Ctrl-C, with the best answer
-        so far.
-        ``result.errors()`` says what is left.
+        Budgets: of the meshes of a scene, in unknowns of all parts (None: 400 000); in seconds, of factorisation
+        and iteration (None: no limit): it ends then with what is done so far and the status ``"time_limit"``,
+        with `accuracy` with the best answer so far, and ``result.errors()`` says what is left.
     comm
         Of a scene: mpi4py communicator over which its parts are spread, as for
         :func:`dolfinx_frontend.assemble`; collective. A problem has the ranks that it was assembled over.
@@ -293,7 +297,11 @@ def solve(
     if max_unknowns is not None:
         raise SceneError("max_unknowns is the budget of meshes: solve(scene, accuracy=...)")
     if max_seconds is not None and accuracy is None:
-        raise SceneError("max_seconds goes with an accuracy: solve(problem, accuracy=1e-3, max_seconds=...)")
+        seconds = checked_number("solve", "max_seconds", max_seconds, above=0.0)
+        if plan is None:
+            settings["options"] = (options or Options()).with_(max_seconds=seconds)
+        else:
+            plan = replace(plan, options=plan.options.with_(max_seconds=seconds))
     told = {"chaos": chaos, "indefinite": indefinite, "accuracy": accuracy, "quantity": quantity}
     given = {"plan": plan is None, "start": start is None, "meshes": meshes, "callback": callback is None}
     check_settings("solve", plan, method, **settings)
@@ -382,7 +390,7 @@ def _with_all_kept(
     except (SceneError, NumericalError):
         return None
     known = result.status == "inexact" and result.error < _STILL_AN_ANSWER
-    if not known and result.status not in ("converged", "interrupted"):
+    if not known and result.status not in ("converged", *STOPPED):
         return None
     if problem.rank == 0:
         _log.warning("parts that are joined do not factorise together: all interfaces are kept")

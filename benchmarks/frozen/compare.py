@@ -20,8 +20,8 @@ GROWN, GROWN_BYTES = 1.05, 1.2
 """Ratios above which a count, or the peak of memory, has grown."""
 PEAK = "peak bytes"
 ORDER = (
-    *("converged", "inexact", "undetermined", "max_iterations", "stagnated", "diverged"),
-    *("no_equilibrium", "interrupted"),
+    *("converged", "inexact", "max_iterations", "undecided", "undetermined", "slides"),
+    *("no_equilibrium", "time_limit", "interrupted"),
 )
 """How a solution ends, from the best to the worst."""
 

@@ -19,8 +19,8 @@ from latin_core import NumericalError, __version__
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.common.errors import BalanceError, SceneError
 from dolfinx_frontend.common.files import write_text
+from dolfinx_frontend.common.statuses import INEXACT, NO_EQUILIBRIUM, SLIDES, UNDECIDED, UNDETERMINED
 from dolfinx_frontend.decks.settings import OPTIONS, Asked, Deck
-from dolfinx_frontend.results.accuracy import INEXACT, NO_EQUILIBRIUM, UNDETERMINED
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.sheets.names import units_of
 from dolfinx_frontend.solving import quasi_monte_carlo, solve
@@ -41,8 +41,8 @@ ANSWER = "result.h5"
 POINTS = "points"
 
 _CODES = {
-    "converged": DONE, UNDETERMINED: DONE, INEXACT: NUMBERS, "max_iterations": NUMBERS, "stagnated": NUMBERS,
-    "diverged": NUMBERS, NO_EQUILIBRIUM: BALANCE, "interrupted": INTERRUPTED,
+    "converged": DONE, UNDETERMINED: DONE, INEXACT: NUMBERS, "max_iterations": NUMBERS, UNDECIDED: BALANCE,
+    SLIDES: BALANCE, NO_EQUILIBRIUM: BALANCE, "time_limit": LIMIT, "interrupted": INTERRUPTED,
 }
 _ORDER = (DONE, NUMBERS, BALANCE, LIMIT, INTERRUPTED)
 
@@ -81,13 +81,12 @@ def run_deck(deck: Deck, folder: Path | None, phase: Callable[[str], None]) -> R
     A run of samples that was killed goes on with those that are finished.
     """
     began, run = time.monotonic(), Run()
-    deadline = _Deadline(deck.run.get("max_seconds"))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            run.answer = _answer(deck, folder, phase, deadline)
+            run.answer = _answer(deck, folder, phase)
             phase("results")
-            _judge(run, deck, deadline)
+            _judge(run, deck)
         except BalanceError as error:
             run.code, run.message = BALANCE, str(error)
         except SceneError as error:
@@ -108,21 +107,8 @@ def run_deck(deck: Deck, folder: Path | None, phase: Callable[[str], None]) -> R
     return run
 
 
-class _Deadline:
-    """Ends an iteration when its time is over, where the solver has no limit of its own."""
-
-    def __init__(self, seconds: float | None) -> None:
-        self.end = None if seconds is None else time.monotonic() + seconds
-        self.passed = False
-
-    def __call__(self, iteration: Any) -> None:
-        if self.end is not None and time.monotonic() > self.end:
-            self.passed = True
-            raise StopIteration
-
-
-def _answer(deck: Deck, folder: Path | None, phase: Callable[[str], None], deadline: _Deadline) -> Any:
-    ours = (*OPTIONS, "samples", "seed", "max_seconds")
+def _answer(deck: Deck, folder: Path | None, phase: Callable[[str], None]) -> Any:
+    ours = (*OPTIONS, "samples", "seed")
     settings: dict[str, Any] = {name: value for name, value in deck.run.items() if name not in ours}
     settings |= {"options": deck.options, "progress": True}
     if deck.way == "accuracy" and settings.pop("meshes", True):
@@ -137,7 +123,6 @@ def _answer(deck: Deck, folder: Path | None, phase: Callable[[str], None], deadl
         return solve(problem, **settings)
     if deck.run.get("quantity") is not None or deck.run.get("max_unknowns") is not None:
         raise SceneError("run: quantity and max_unknowns go with an accuracy: accuracy = 1e-2")
-    settings["callback"] = deadline
     if deck.way != "samples":
         phase("solution" if deck.way == "solve" else "chaos")
         return solve(problem, **settings)
@@ -147,19 +132,19 @@ def _answer(deck: Deck, folder: Path | None, phase: Callable[[str], None], deadl
     return quasi_monte_carlo(problem, count, seed=seed, checkpoint=points, **settings)
 
 
-def _judge(run: Run, deck: Deck, deadline: _Deadline) -> None:
+def _judge(run: Run, deck: Deck) -> None:
     """Exit code and sentence of an answer."""
-    answer, reached = run.answer, True
+    answer, reached, late = run.answer, True, False
     if deck.way == "accuracy":
         found = answer.errors(deck.run.get("quantity"))
         reached = found.reached
         if not reached:
             run.message = f"the accuracy was not reached: {found.in_all:.2g}, asked {found.asked:g}"
-            deadline.passed = any("budget" in note and " s " in note for note in found.notes)
-    run.code = code_of(_statuses(answer), reached, deadline.passed)
+            late = any("budget" in note and " s " in note for note in found.notes)
+    run.code = code_of(_statuses(answer), reached, late)
     if run.code != DONE and not run.message:
         run.message = str(getattr(answer, "ended", "")) or f"status {answer.status}"
-    if deadline.passed and run.code == LIMIT:
+    if run.code == LIMIT:
         run.message = f"max_seconds = {deck.run['max_seconds']:g} are over: {run.message}"
 
 

@@ -60,7 +60,7 @@ def _run_words() -> dict[str, Word]:
     found |= {name: dataclasses.replace(sampling[name], required=False) for name in ("samples", "seed")}
     found["samples"] = dataclasses.replace(found["samples"], text="Sobol points, a power of two.")
     found["direction"] = Word("direction", "plain", float, False, None, "Factor of search directions.")
-    return found | dict(words(Options))
+    return found | {name: word for name, word in words(Options).items() if name not in found}
 
 
 RUN: Mapping[str, Word] = _run_words()
@@ -118,5 +118,8 @@ class Deck:
 
     @property
     def options(self) -> Options:
-        """Options of the kernel."""
-        return Options(**{name: value for name, value in self.run.items() if name in OPTIONS})
+        """Options of the kernel; the seconds of a search for an accuracy are not those of each of its runs."""
+        own = {name: value for name, value in self.run.items() if name in OPTIONS}
+        if self.way == "accuracy":
+            own.pop("max_seconds", None)
+        return Options(**own)

@@ -23,13 +23,14 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, late, pressed, stop_if_pressed
+from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error, with_dual
 from dolfinx_frontend.estimate.unseen import walls_not_seen
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results.accuracy import largest_of, remedy
-from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.answer import AnswerKind
-from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, Source, share_of
+from dolfinx_frontend.results.chaos import NOISE, ChaosResult
+from dolfinx_frontend.results.errors import ErrorShare, Errors, MeanStd, Source, share_of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
@@ -390,7 +391,7 @@ def complete(result: Result | SampleResult) -> None:
     Interrupted
         One of them was.
     """
-    if result.status == "interrupted":
+    if result.status in STOPPED:
         raise Interrupted
     stop_if_pressed()
     if result.problem.comm is not None and any(exchanged(result.problem.comm, pressed())):

@@ -34,6 +34,7 @@ from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
+from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.estimate.pieces import pieces_of, within_cell
 from dolfinx_frontend.estimate.recovery import ASTRAY, Doubts, recovery
 from dolfinx_frontend.estimate.transposed import Transposed
@@ -43,8 +44,8 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.fitting import fitted
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.probes import AtPoint
+from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Interest, Measure, Resultant, Wanted, interest, over_all_ranks
 from dolfinx_frontend.scene.amplitudes import check_step
@@ -707,7 +708,7 @@ class _Dual:
             summary, state = solver.run(laws, options, amplitudes, states, progress=False)
             if summary.status == "converged":
                 return state
-            if summary.status == "interrupted":
+            if summary.status in STOPPED:
                 raise Interrupted
         raise SceneError(
             f"the dual problem ended as {summary.status} after {summary.iterations} iterations (estimated "

@@ -25,6 +25,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.deferred import special
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
+from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.estimate.errors import size_of
 from dolfinx_frontend.estimate.kinks import all_states_of, opening_directions
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -328,11 +329,11 @@ def solved_alone(
     found: SampleResult | None = None
     for point in points:
         one = solved(result, point[None], np.ones(1), rtol, quantity, plain)
-        if plain is not None and one.status not in (*EXACT, "interrupted"):
+        if plain is not None and one.status not in (*EXACT, *STOPPED):
             plain = None
             one = solved(result, point[None], np.ones(1), rtol, quantity)
         found = one if found is None else joined(found, one)
-        if one.status == "interrupted":
+        if one.status in STOPPED:
             break
     assert found is not None
     whole = weights[: len(found.germs)]

@@ -35,7 +35,7 @@ Facts: TypeAlias = dict[str, Any]
 SUMS = 4
 BLOCK = 1 << 20
 """Numbers that are summed at a time."""
-INDIFFERENT = ("snapshots", "together", "operator", "backend", "memory_limit", "scatter")
+INDIFFERENT = ("snapshots", "together", "operator", "backend", "memory_limit", "scatter", "max_seconds")
 """Options that change the work but not what is accepted as an answer."""
 
 

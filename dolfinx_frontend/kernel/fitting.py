@@ -26,6 +26,7 @@ from dolfinx_frontend.assembly.ranks import agreement, meeting_often
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.rows import Rows
@@ -258,7 +259,7 @@ def _fitted(
         left = rounds.left(found)
         _log.info("multigrid round: %d fields, error %s", space.count, shown_error(left))
         solver.left, start = left, [state]
-        if left <= goal or summary.status in ("interrupted", "diverged") or not np.isfinite(left):
+        if left <= goal or summary.status in STOPPED or not np.isfinite(left):
             return solver, start
         rounds.go_on()
         space = space.with_fields(fields)

@@ -16,10 +16,13 @@ from __future__ import annotations
 import logging
 from typing import Any
 
+import numpy as np
+from latin_core import Options
+
 from dolfinx_frontend.common.checks import checked_callable, checked_flag
 from dolfinx_frontend.common.interrupts import Interrupt, Interrupted
 
-__all__ = ["Interrupt", "Interrupted", "check_running", "report_points"]
+__all__ = ["Interrupt", "Interrupted", "check_running", "report_points", "within"]
 
 _log = logging.getLogger(__name__)
 
@@ -30,6 +33,13 @@ def check_running(where: str, callback: object, progress: object, **flags: objec
         checked_callable(where, "callback", callback, "give a function of an Iteration")
     for name, value in {"progress": progress, **flags}.items():
         checked_flag(where, name, value)
+
+
+def within(options: Options, spent: float) -> Options:
+    """Options whose ``max_seconds`` have begun some seconds ago."""
+    if options.max_seconds == np.inf:
+        return options
+    return options.with_(max_seconds=max(options.max_seconds - spent, 0.0))
 
 
 def report_points(what: str, interrupt: Interrupt, points: Any, checkpoint: object) -> None:

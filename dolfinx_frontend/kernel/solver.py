@@ -36,6 +36,7 @@ from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict, read_only
 from dolfinx_frontend.common.progress import Bar
+from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.parts_checkpoint import Layout, PartsCheckpoint
 from dolfinx_frontend.kernel.running import Interrupt
@@ -211,7 +212,7 @@ class Solver:
         seconds = perf_counter() - began
         text = "%s after %d iterations, estimated error %s, %.2f s"
         _log.info(text, summary.status, summary.iterations, shown_error(summary.error), seconds)
-        if interrupt.told and summary.status != "interrupted":
+        if interrupt.told and summary.status not in STOPPED:
             _log.warning("Ctrl-C came when the iteration had ended; press it twice to end the program")
         return summary, state
 

@@ -17,13 +17,17 @@ from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.common.statuses import (
+    INEXACT,
+    NO_EQUILIBRIUM,
+    SLIDES,
+    STATUSES,
+    UNDECIDED,
+    UNDETERMINED,
+)
 from dolfinx_frontend.plan.plan import Plan
 
 __all__ = [
-    "INEXACT",
-    "NO_EQUILIBRIUM",
-    "STATUSES",
-    "UNDETERMINED",
     "Accuracy",
     "Corrected",
     "accuracy_of_run",
@@ -42,30 +46,16 @@ SHOWN = 4
 ACCEPTABLE = 1e-2
 """Errors below this may be all that a user wants."""
 
-INEXACT = "inexact"
-"""Status of a direct solution that rounding has left with a larger error than asked for."""
-
-NO_EQUILIBRIUM = "no_equilibrium"
-"""Status of an answer in which no forces of the interfaces balance the loads, from some step of a history on:
-what the loads move slides on as far as it is let."""
-
-UNDETERMINED = "undetermined"
-"""Status of a point whose laws leave parts free in motions that no load drives: any place is an answer."""
-
-STATUSES = (
-    *("converged", INEXACT, "max_iterations", "stagnated", "diverged", UNDETERMINED, NO_EQUILIBRIUM),
-    "interrupted",
-)
-"""How a solution ends, from the best to the worst."""
-
 NUMBERED = 10
 """Points that a sentence numbers."""
 
 _REMEDIES = {
     "max_iterations": "allow more with Options(max_iterations=...)",
-    "stagnated": "leave method, direction and options to solve, or apply the loads in more steps",
-    "diverged": "check that every part is held where contacts slip or open",
+    UNDECIDED: "leave method, direction and options to solve, hold every part where contacts slip or open, or "
+    "apply the loads in more steps",
+    "time_limit": "allow more with max_seconds, or go on from here with start=result",
     "interrupted": "go on from here with start=result",
+    SLIDES: "raise preload or friction, or hold what moves",
     UNDETERMINED: "hold what is free (the log names it), or leave such values out",
     NO_EQUILIBRIUM: "raise preload or friction, hold what moves, or leave such values out",
     INEXACT: "rounding leaves no more: make stiffnesses less different",
@@ -74,7 +64,7 @@ _REMEDIES = {
 
 def remedy(status: str, error: float = float("nan")) -> str:
     """What to do about a run that ended so, with that error; nothing if it converged."""
-    if status in ("stagnated", INEXACT) and error < ACCEPTABLE:
+    if status in (UNDECIDED, INEXACT) and error < ACCEPTABLE:
         return f"if that is good enough, loosen rtol to {2.0 * error:.0e}"
     return _REMEDIES.get(status, "")
 

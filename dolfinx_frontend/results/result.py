@@ -18,17 +18,11 @@ from dolfinx_frontend.common.checks import checked_number
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
+from dolfinx_frontend.common.statuses import INEXACT, NO_EQUILIBRIUM, SLIDES
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.accuracy import (
-    INEXACT,
-    NO_EQUILIBRIUM,
-    Accuracy,
-    Corrected,
-    direct_status,
-    ended,
-)
+from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
 from dolfinx_frontend.results.acting import load_factors, mean_number
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
 from dolfinx_frontend.results.errors import (
@@ -72,6 +66,8 @@ class Result(Value, Face):
         Estimated errors by part, step, mean and fluctuation; None: only the largest is known.
     corrected
         Of a direct solve: the solution after its corrections; None: it was iterated on.
+    verdict
+        Its status, where more is known than the iteration knew; None: it is that.
     """
 
     problem: Problem
@@ -85,6 +81,7 @@ class Result(Value, Face):
     found: Errors | None = field(default=None, kw_only=True)
     accuracy: Accuracy | None = field(default=None, kw_only=True)
     corrected: Corrected | None = field(default=None, kw_only=True)
+    verdict: str | None = field(default=None, kw_only=True)
     estimator: Estimator = field(default=not_measured, kw_only=True)
     continuation: Continuation = field(default=not_continued, kw_only=True)
 
@@ -103,7 +100,7 @@ class Result(Value, Face):
         """``"converged"``, or how else it ended: ``docs/statuses.md`` has them all."""
         if self.corrected is not None:
             return direct_status(self.corrected.accuracy, self.plan.options.rtol)
-        return self.summary.status
+        return self.verdict or self.summary.status
 
     @property
     def converged(self) -> bool:
@@ -145,7 +142,7 @@ class Result(Value, Face):
         errors = self.step_errors
         good = np.cumprod(errors <= self.plan.options.rtol) > 0
         # the steps before one without equilibrium have answers
-        known = np.isfinite(errors) & (self.status == NO_EQUILIBRIUM)
+        known = np.isfinite(errors) & (self.status in (NO_EQUILIBRIUM, SLIDES))
         others = np.where(known, INEXACT, self.status)
         return tuple("converged" if each else str(other) for each, other in zip(good, others, strict=True))
 

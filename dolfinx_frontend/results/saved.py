@@ -25,10 +25,11 @@ from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.files import opened, shown
 from dolfinx_frontend.common.frozen import ReadOnlyDict, locked, locked_matrix, read_only
+from dolfinx_frontend.common.statuses import RENAMED
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
-from dolfinx_frontend.formats.layout import Group
 from dolfinx_frontend.formats.hdf5 import Tree
+from dolfinx_frontend.formats.layout import Group
 from dolfinx_frontend.formats.meshes import StoredPart
 from dolfinx_frontend.results.accuracy import unsolved
 from dolfinx_frontend.results.answer import AnswerKind, Block, Surface, chunks
@@ -296,7 +297,7 @@ class SavedResult(Face):
         self.iterations, self.error = int(tree["iterations"]), float(tree["error"])
         self.place = str(tree.get("place", ""))
         statuses = tree["points"]["status"] if "points" in tree else tree.get("statuses", ())
-        self.statuses = tuple(str(each) or "interrupted" for each in statuses)
+        self.statuses = tuple(_status(each) or "interrupted" for each in statuses)
         self.software = str(tree["software"])
         self.germs, self.weights = _optional(tree, "germs"), _optional(tree, "weights")
         axes = tree.get("axes", {})
@@ -330,7 +331,7 @@ class SavedResult(Face):
     @property
     def status(self) -> str:
         """How the run ended."""
-        return str(self._tree["status"])
+        return _status(self._tree["status"])
 
     @property
     def statistics(self) -> Kind:
@@ -567,7 +568,7 @@ class SavedResult(Face):
         return OnePoint(
             self,
             partial(self._block, slice(number, number + 1)),
-            str(points["status"][number]),
+            _status(points["status"][number]),
             int(points["iterations"][number]),
             float(points["error"][number]),
         )
@@ -596,6 +597,10 @@ class SavedResult(Face):
             f"<SavedResult {self.path}: {self.kind}, {self.status}, {self.iterations} iterations, "
             f"{len(self.interfaces)} interfaces, estimated error {shown_error(self.error)}{where}>"
         )
+
+
+def _status(word: object) -> str:
+    return RENAMED.get(str(word), str(word))
 
 
 def _without_fields(tree: Tree) -> Tree:

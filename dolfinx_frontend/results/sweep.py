@@ -17,16 +17,11 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.statuses import STATUSES
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.accuracy import STATUSES, ended, known, largest_of, place_of, unsolved
-from dolfinx_frontend.results.acting import (
-    STIFFNESS,
-    factors_of,
-    load_factors,
-    mean_number,
-    with_loads,
-)
+from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of, unsolved
+from dolfinx_frontend.results.acting import STIFFNESS, factors_of, load_factors, mean_number, with_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
@@ -70,7 +65,7 @@ class PointResults(Face):
 
     @property
     def statuses(self) -> npt.NDArray[np.str_]:
-        """Status of every point, ``"interrupted"`` where it was not reached."""
+        """Status of every point, ``"interrupted"`` or ``"time_limit"`` where it was not reached."""
         found = np.array([str(each) or "interrupted" for each in self.points.status])
         return found.reshape(self.shape)
 
@@ -115,8 +110,8 @@ class PointResults(Face):
 
     @property
     def status(self) -> str:
-        """The worst of the points, as :attr:`Result.status`; ``"interrupted"`` if one was not reached."""
-        return max((str(s) or "interrupted" for s in self.points.status), key=STATUSES.index)
+        """The worst of the points, as :attr:`Result.status`; one that was not reached is the worst."""
+        return max(map(str, self.statuses.ravel()), key=STATUSES.index)
 
     def contact_at(self, name: str) -> ContactValues | None:
         """Friction and gap of a contact at all points; None: the law is no contact."""

@@ -17,7 +17,7 @@ __all__ = ["Value"]
 class Value(OneProcess):
     """A frozen dataclass that shares its factorised structure with others."""
 
-    _notes: frozenset[str] = frozenset({"seconds", "found"})
+    _notes: frozenset[str] = frozenset({"seconds", "found", "verdict"})
     """Fields that say something about the answer and change nothing in it."""
 
     def __post_init__(self) -> None:

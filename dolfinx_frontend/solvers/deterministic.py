@@ -15,8 +15,10 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.errors import BalanceError, SceneError
+from dolfinx_frontend.common.statuses import INEXACT, NO_EQUILIBRIUM, SLIDES, STOPPED, UNDECIDED
 from dolfinx_frontend.kernel.carry import carried
 from dolfinx_frontend.kernel.fitting import SHARE, fitted
+from dolfinx_frontend.kernel.running import within
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, accuracy_of_run
@@ -67,22 +69,24 @@ def solve_once(
     if not result.converged and problem.rank == 0:
         # logged as for the points of a sweep: the answer is there, with its estimated error
         _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
-    if result.status == "interrupted":  # which is returned, whatever it is
+    if result.status in STOPPED:  # which is returned, whatever it is
         return result
     try:
-        check_support(result, support)
+        slips = check_support(result, support)
     except BalanceError as lost:
         if result.statuses[0] == "converged" and result.statuses[lost.step] != "converged":
             lost.answer = result
             check_bolts(result)
             check_bonds(result)
         raise
+    if slips and result.status == SLIDES:
+        result = result.with_notes(verdict=NO_EQUILIBRIUM)
     check_bolts(result)
     check_bonds(result)
     return result
 
 
-_WORTH_ANOTHER = ("stagnated", "inexact", "max_iterations")
+_WORTH_ANOTHER = (UNDECIDED, INEXACT, "max_iterations")
 
 
 def _by_another(
@@ -98,11 +102,12 @@ def _by_another(
         try:
             solver = Solver(first.problem, plan)
             setup = perf_counter() - began
-            again = _run(solver, plan, (), setup, callback, progress, first.estimator)
+            before = sum(spent.values())
+            again = _run(solver, plan, (), setup, callback, progress, first.estimator, before=before)
         except (SceneError, NumericalError):
             continue  # there is an answer of some kind, and this is no way to a better one
         spent = {name: spent[name] + seconds for name, seconds in again.seconds.items()}
-        if again.status == "interrupted":
+        if again.status in STOPPED:
             break
         if again.converged:
             if first.problem.rank == 0:
@@ -135,10 +140,11 @@ def _run(
     progress: bool,
     estimator: Estimator,
     balanced: Callable[[int], bool] | None = None,
+    before: float = 0.0,
 ) -> Result:
     began = perf_counter()
     laws = solver.laws
-    options = plan.options
+    options = within(plan.options, setup + before)
     if solver.space is not None:
         options = options.with_(rtol=(1.0 - SHARE) * options.rtol)
     summary, state = solver.run(laws, options, plan.amplitudes, start, callback, progress, balanced)

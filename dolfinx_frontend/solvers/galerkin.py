@@ -34,15 +34,9 @@ from dolfinx_frontend.common.errors import SceneError, warn
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.fitting import SHARE, fitted
+from dolfinx_frontend.kernel.running import within
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import (
-    Decision,
-    Direction,
-    Method,
-    Plan,
-    check_problem,
-    plan_of_random,
-)
+from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, check_problem, plan_of_random
 from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source, warn_of_free_parts
 from dolfinx_frontend.results.accuracy import accuracy_of_run
@@ -630,6 +624,7 @@ def _run(
     laws = changes.applied(solver.laws)
     built = perf_counter()
     check_start(start, solver, amplitudes.shape[1])
+    options = within(options, built - began)
     summary, state = solver.run(laws, options, amplitudes, start, callback, progress)
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     result = ChaosResult(

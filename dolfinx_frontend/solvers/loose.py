@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneWarning, warn
-from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM
+from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.sweep import PointResults
 
@@ -47,7 +47,7 @@ def check_bolts(answer: Result | PointResults, what: str = "", told: Collection[
         force = np.reshape(answer.force(name)[..., 0] @ interface.weights, (-1, len(held)))
         pushes = (force < -LOOSE * np.abs(force).max(axis=1, keepdims=True)) & held
         if isinstance(answer, PointResults):  # without equilibrium a force means nothing
-            pushes &= (answer.statuses.ravel() != NO_EQUILIBRIUM)[:, None]
+            pushes &= ~np.isin(answer.statuses.ravel(), (NO_EQUILIBRIUM, SLIDES))[:, None]
         if not pushes.any():
             continue
         point, step = np.unravel_index(np.argmin(np.where(pushes, force, 0.0)), force.shape)

@@ -20,32 +20,22 @@ from latin_core import Iteration, Options, State, SweptParameter
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import (
-    check_known,
-    checked_number,
-    checked_numbers,
-)
+from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers
 from dolfinx_frontend.common.deferred import sp, spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
+from dolfinx_frontend.common.statuses import INEXACT
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.fitting import solver_of, walked
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
-from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks, points_shown
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import (
-    Direction,
-    Method,
-    Plan,
-    check_problem,
-    check_settings,
-    plan_of_random,
-)
+from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks, points_shown
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, plan_of_random
 from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.accuracy import INEXACT, ended
+from dolfinx_frontend.results.accuracy import ended
 from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
+from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.loads import OF_STIFFNESS

@@ -44,9 +44,9 @@ from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motion
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.deferred import optimize
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
+from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES, UNDECIDED, UNDETERMINED
 from dolfinx_frontend.plan.prescribed import check_prescribed, moments_of, spanning
 from dolfinx_frontend.results.contact import contact_states
-from dolfinx_frontend.results.accuracy import NO_EQUILIBRIUM, UNDETERMINED
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.sweep import PointResults
@@ -574,7 +574,7 @@ class Support:
         return f"the last loads that they balance are those at t = {known:.4g}"
 
 
-def check_support(result: Result, support: Support) -> None:
+def check_support(result: Result, support: Support) -> bool:
     """Look for parts that have lost their support; call it once a run has ended, whatever its status.
 
     Parameters
@@ -583,6 +583,11 @@ def check_support(result: Result, support: Support) -> None:
         Of a deterministic solve; of a load history the first step that has something to say is named.
     support
         Of its problem and times.
+
+    Returns
+    -------
+    bool
+        Whether friction, with the normal forces that were reached, does not balance the loads of some step.
 
     Raises
     ------
@@ -594,11 +599,11 @@ def check_support(result: Result, support: Support) -> None:
     SceneWarning
         Friction does not balance the loads with the normal forces of a run that did not converge; or it
         converged, and a part without loads touches nothing (of a static answer: presses on nothing); or it
-        converged or stagnated, and a part slips wherever only friction holds it.
+        converged or is undecided, and a part slips wherever only friction holds it.
     """
     problem, contacts, steps, checks = support.problem, support.contacts, support.steps, support.checks
     if not checks:
-        return
+        return False
     if not result.converged:
         _tell_motion(result, checks)
         _tell_corners(result, contacts)
@@ -610,25 +615,24 @@ def check_support(result: Result, support: Support) -> None:
         },
     )
     support.check({k: {name: found[k].force for name, found in answers.items()} for k in checks})
-    if result.status == "diverged":
-        return  # its forces mean nothing
     if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):
-        return
+        return False
 
-    def parts_are_held() -> None:
+    def parts_slip() -> bool:
         for k, each in sorted(checks.items()):
             when, balance = steps[k][0], each.balance
             reached = {name: found[k] for name, found in answers.items()}
             pushed = {name: one.force for name, one in reached.items()}
             if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when):
-                return
+                return True
             loaded = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
-            if not (loaded and (result.converged or result.status in ("stagnated", NO_EQUILIBRIUM))):
+            if not (loaded and (result.converged or result.status in (UNDECIDED, SLIDES, NO_EQUILIBRIUM))):
                 continue
             if _check_undetermined(problem, each.resistances, reached, when):
-                return
+                return False
+        return False
 
-    _decide(problem, parts_are_held)
+    return _decide(problem, parts_slip)
 
 
 def _steps(problem: Problem, times: Array | None) -> list[_Step]:
@@ -858,7 +862,7 @@ def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:
 
 def _tell_corners(result: Result, contacts: Sequence[str]) -> None:
     """Log that parts that only contact holds rest on a few corners of straight facets: they may roll."""
-    if result.problem.distribution is not None or result.status == "diverged":
+    if result.problem.distribution is not None:
         return
     for name in contacts:
         i = result.problem.interfaces[name]

@@ -256,6 +256,7 @@ latin::iteration::Options to_options(py::object value) {
   options.rtol = to_number(get("rtol"), "options.rtol");
   options.stop_on_indicator = choose("criterion", "error", "indicator");
   options.max_iterations = integer("max_iterations");
+  options.max_seconds = to_number(get("max_seconds"), "options.max_seconds");
   options.acceleration = integer("acceleration");
   options.relaxation = to_number(get("relaxation"), "options.relaxation");
   options.stagnation_window = integer("stagnation_window");

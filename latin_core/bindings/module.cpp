@@ -40,7 +40,8 @@ py::dict default_options() {
   const latin::iteration::Options of_runs;
   const latin::substructure::OperatorOptions of_bodies;
   return py::dict("rtol"_a = of_runs.rtol, "max_iterations"_a = of_runs.max_iterations,
-                  "acceleration"_a = of_runs.acceleration, "relaxation"_a = of_runs.relaxation,
+                  "max_seconds"_a = of_runs.max_seconds, "acceleration"_a = of_runs.acceleration,
+                  "relaxation"_a = of_runs.relaxation,
                   "stagnation_window"_a = of_runs.stagnation_window,
                   "snapshots"_a = of_runs.snapshots, "together"_a = of_runs.together,
                   "scatter"_a = of_runs.scatter, "memory_limit"_a = of_bodies.memory_limit);
@@ -63,6 +64,11 @@ PYBIND11_MODULE(_core, m) {
   bind_results(m);
   bind_structure(m);
   bind_stochastic(m);
+  py::list statuses;
+  for (const latin::iteration::Status each : latin::iteration::statuses()) {
+    statuses.append(to_string(each));
+  }
+  m.attr("STATUSES") = py::tuple(statuses);
   m.def("default_options", &default_options,
         "Settings of the iteration and of the bodies' operators where none are given, by name.");
   bind_mortar(m);

@@ -102,8 +102,7 @@ void bind_results(py::module_& m) {
   py::class_<Summary>(m, "Summary", "How an iteration went.")
       .def_property_readonly(
           "status", [](const Summary& s) { return to_string(s.status); },
-          "``converged``, ``max_iterations``, ``stagnated``, ``inexact``, ``diverged``, "
-          "``no_equilibrium`` or ``interrupted``.")
+          "One of ``latin_core.STATUSES``.")
       .def_readonly("iterations", &Summary::iterations,
                     "Global stages, and the work of Newton steps in such.")
       .def_readonly("error", &Summary::error, "Last estimate of the relative error.")

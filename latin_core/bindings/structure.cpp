@@ -157,6 +157,11 @@ next_points
 beginning
     :class:`Beginning` of these laws, from which points of linear laws are solved. None: from the point in the middle
     of them, which takes as long as a hundred others.
+
+Returns
+-------
+str
+    ``"converged"``: it went through all points; else ``"interrupted"`` or ``"time_limit"``.
 )doc";
 
 constexpr const char* local_fields_doc =
@@ -573,10 +578,11 @@ py::tuple solve(const Structure& structure, const Laws& laws, const py::object& 
   return py::make_tuple(std::move(summary), std::move(state));
 }
 
-void sweep(const Structure& structure, const Laws& laws, const py::object& options,
-           py::handle amplitudes, py::handle parameters, py::handle order, py::handle known,
-           py::handle known_points, const py::object& callback, const py::object& point_callback,
-           const py::object& next_points, Beginning* beginning) {
+std::string sweep(const Structure& structure, const Laws& laws, const py::object& options,
+                  py::handle amplitudes, py::handle parameters, py::handle order, py::handle known,
+                  py::handle known_points, const py::object& callback,
+                  const py::object& point_callback, const py::object& next_points,
+                  Beginning* beginning) {
   check_laws(structure, laws);
   const latin::iteration::Options settings = to_options(options);
   const latin::Matrix factors = to_amplitudes(amplitudes, structure);
@@ -605,8 +611,9 @@ void sweep(const Structure& structure, const Laws& laws, const py::object& optio
     };
   }
   const py::gil_scoped_release release;
-  latin::iteration::sweep(laws, settings, factors, swept, points, std::move(states),
-                          std::move(positions), guard, finished, next, beginning);
+  return to_string(latin::iteration::sweep(laws, settings, factors, swept, points,
+                                           std::move(states), std::move(positions), guard, finished,
+                                           next, beginning));
 }
 
 /// Pickling refused, with what to do instead.

@@ -1,7 +1,6 @@
 #include "answer.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
@@ -153,10 +152,6 @@ std::vector<Gathered::Field> part_fields(const substructure::Laws& laws, const S
   return found;
 }
 
-constexpr std::array by_severity{Status::converged,  Status::inexact,  Status::max_iterations,
-                                 Status::stagnated,  Status::diverged, Status::no_equilibrium,
-                                 Status::interrupted};
-
 double known(double error) {
   return std::isfinite(error) ? error : std::numeric_limits<double>::quiet_NaN();
 }
@@ -170,6 +165,7 @@ struct Points {
   std::vector<Gathered::Field>
       parts;  ///< of parts, if they are wanted, (points, columns, unknowns)
   Outcome outcome;
+  Status worst = Status::converged;  ///< of all points
 
   explicit Points(const SweepRequest& request)
       : status(static_cast<std::size_t>(request.points)),
@@ -177,19 +173,18 @@ struct Points {
         error(static_cast<std::size_t>(request.points), std::numeric_limits<double>::quiet_NaN()),
         outcome{to_string(Status::converged), 0, 0.0, request.points} {}
 
+  /// As what the walk over them ended.
+  void end(Status status) {
+    worst = std::max(worst, status);
+    outcome.status = to_string(worst);
+  }
   void add(Index point, const Summary& summary, const std::vector<Gathered::Field>& of_interfaces,
            const std::vector<Gathered::Field>& of_parts) {
     const auto p = static_cast<std::size_t>(point);
     status[p] = to_string(summary.status);
     iterations[p] = summary.iterations;
     error[p] = known(summary.error);
-    const auto severity = [](const std::string& text) {
-      return std::ranges::find(by_severity, text, [](Status s) { return to_string(s); }) -
-             by_severity.begin();
-    };
-    if (severity(status[p]) > severity(outcome.status)) {
-      outcome.status = status[p];
-    }
+    end(summary.status);
     outcome.iterations += summary.iterations;
     outcome.error = error[p] > outcome.error || std::isnan(error[p]) ? error[p] : outcome.error;
     keep(p, of_interfaces, fields);
@@ -271,7 +266,7 @@ Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
   Points points(request);
   iteration::Beginning beginning;  // as Python has one: the same digits
   folder.named([&] {
-    iteration::sweep(
+    points.end(iteration::sweep(
         laws, options, amplitudes, request.parameters, request.order, {}, {}, {},
         [&](Index point, const substructure::Laws& of_point, const Summary& summary,
             const State& state) {
@@ -281,7 +276,7 @@ Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
           }
           points.add(point, summary, interface_fields(of_point, state), of_parts);
         },
-        {}, &beginning);
+        {}, &beginning));
   });
 
   const Communicator& communicator = folder.communicator();

@@ -383,6 +383,9 @@ iteration::Options Folder::options() const {
     options.stop_on_indicator =
         choice<bool>(node, "criterion", {{"error", false}, {"indicator", true}});
     options.max_iterations = node.integer("max_iterations");
+    if (node.has("max_seconds")) {
+      options.max_seconds = node.number("max_seconds");
+    }
     options.acceleration = node.integer("acceleration");
     options.relaxation = node.number("relaxation");
     options.stagnation_window = node.integer("stagnation_window");

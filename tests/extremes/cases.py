@@ -44,7 +44,7 @@ RTOL = 1e-10
 LEFT = 10.0 * RTOL
 """What an iteration with that tolerance may leave: its estimate is good to a factor of 3."""
 TIGHT = Options(rtol=RTOL)
-STATUSES = ("no_equilibrium", "stagnated", "max_iterations", "diverged")
+STATUSES = ("no_equilibrium", "slides", "undecided", "max_iterations")
 """Ends of an iteration that say that there is no answer."""
 
 
@@ -594,7 +594,7 @@ def all_cases() -> Iterator[Case]:
     """Every row of the list of extremes, in its order."""
     row = "interface stiffness / (E/L)"
     # eps of the stiff parts is more than the tolerance asks for; rounding a displacement hides small strains
-    soft = ("answer", "stagnated", "inexact")
+    soft = ("answer", "undecided", "inexact")
     for ratio in (1e-12, 1e-8, 1e-4, 1.0, 1e4, 1e8, 1e12):
         note = "strains of a part on soft springs are less exact than the forces"
         how = {"expected": soft, "note": note} if ratio <= 1e-8 else {}
@@ -677,15 +677,15 @@ def all_cases() -> Iterator[Case]:
         yield Case(row, f"{share:g}", lambda s=share: jammed(s))
     yield Case(row, "0.99", lambda: jammed(0.99))
     near_limit = "next to the limit everything slips: the iteration may stagnate, without Newton from 0.99 on"
-    ends = ("answer", "stagnated", "stagnated, SceneWarning")
+    ends = ("answer", "undecided", "undecided, SceneWarning")
     yield Case(row, "0.99, newton=0", lambda: jammed(0.99, newton=False), ends, note=near_limit)
     yield Case(row, "0.999999", lambda: jammed(1.0 - 1e-6), ends, note=near_limit)
-    beyond = ("no_equilibrium, SceneWarning", "stagnated, SceneWarning", "max_iterations, SceneWarning")
+    beyond = ("no_equilibrium, SceneWarning", "undecided, SceneWarning", "max_iterations, SceneWarning")
     within = "an imbalance below 2e-3 of the loads is not told from the error of the iteration"
-    gave_up = (*beyond, "stagnated", "max_iterations")
+    gave_up = (*beyond, "undecided", "max_iterations")
     yield Case(row, "1.000001", lambda: jammed(1.0 + 1e-6), gave_up, note=within)
     moved = "without the warning, a message names the translation of the last iterate"
-    yield Case(row, "1.01", lambda: jammed(1.01), (*beyond, "stagnated"), note=moved)
+    yield Case(row, "1.01", lambda: jammed(1.01), (*beyond, "undecided"), note=moved)
     yield Case(row, "2", lambda: jammed(2.0), beyond, "slips")
     yield Case(row, "no preload", lambda: jammed(1.0, press=0.0), beyond, "slips")
 

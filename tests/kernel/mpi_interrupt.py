@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,16 @@ from mpi4py import MPI
 from mpi_chain import chain
 from mpi_points import TIGHT, made
 
-from dolfinx_frontend import LinearElastic, Options, Response, assemble, monte_carlo, reliability, solve
+from dolfinx_frontend import (
+    LinearElastic,
+    Options,
+    Response,
+    assemble,
+    make_plan,
+    monte_carlo,
+    reliability,
+    solve,
+)
 
 WORLD = MPI.COMM_WORLD
 LAST = WORLD.size - 1
@@ -50,6 +60,10 @@ def parts() -> None:
     whole = solve(problem, options=options, progress=False)
     assert result.status == "interrupted" and whole.converged, (result, whole)
     assert len(set(WORLD.allgather(result.iterations))) == 1 and result.iterations in (2, 3, 4)
+    # one rank alone finds that time is over
+    own = options.with_(max_seconds=0.0 if WORLD.rank == LAST else np.inf)
+    late = solve(problem, plan=replace(make_plan(problem, options=options), options=own), progress=False)
+    assert WORLD.allgather((late.status, late.iterations)) == [("time_limit", late.iterations)] * WORLD.size
     print(f"parts on rank {WORLD.rank}", flush=True)
 
 

@@ -73,7 +73,7 @@ def test_places_without_chaos():
 def test_what_is_not_known_is_largest_and_has_no_number():
     found = accuracy_of_run(summary([[1e-9, np.inf]]), plan(), BODIES)
     assert np.isnan(found.largest) and found.place == "part mount" and np.isnan(found.by_step(1)[0])
-    text = ended("stagnated", float("inf"), found.place, 1e-6, 120)
+    text = ended("undecided", float("inf"), found.place, 1e-6, 120)
     assert "not known in part mount" in text and "inf" not in text and "after 120 iterations" in text
     assert np.isnan(largest_of(np.array([1.0, np.nan]))) and largest_of(np.zeros(0)) == 0.0
     assert accuracy_of_run(summary(np.zeros((0, 0))), plan(), BODIES) is None
@@ -160,17 +160,17 @@ def test_bodies_are_the_parts_that_are_glued():
     assert result.accuracy.values.shape == (1, 2)
 
 
-def test_a_stagnated_run_is_promised_nothing():
+def test_an_undecided_run_is_promised_nothing():
     result = solve(block())
     assert result.converged and "more iterations" in next_halving(result, not_known(result, None))
 
-    class Stagnated:
-        """The same run, had it stagnated."""
+    class Undecided:
+        """The same run, had it found no answer."""
 
-        status, converged = "stagnated", False
+        status, converged = "undecided", False
 
         def __getattr__(self, name):
             return getattr(result, name)
 
-    text = next_halving(Stagnated(), not_known(result, None))
-    assert "more iterations" not in text and "does not fall" in text and "stagnated" in text
+    text = next_halving(Undecided(), not_known(result, None))
+    assert "more iterations" not in text and "does not fall" in text and "undecided" in text

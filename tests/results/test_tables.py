@@ -407,11 +407,11 @@ def test_chaos_and_samples_are_read_again(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.displacements["left"].ravel(), mean)
     samples = monte_carlo(problem, 5)
     ended = np.array(samples.points.status)
-    ended[1:4] = ["max_iterations", "diverged", "stagnated"]
+    ended[1:4] = ["max_iterations", "slides", "undecided"]
     samples = replace(samples, points=replace(samples.points, status=ended))
     samples.save(tmp_path / "samples.h5")
     found = load(tmp_path / "samples.h5")
-    assert found.status == samples.status == "diverged" and not found.converged
+    assert found.status == samples.status == "slides" and not found.converged
     assert str(found.table(quantiles=[0.3])) == str(samples.table(quantiles=[0.3]))
     np.testing.assert_array_equal(found.force("joint"), samples.force("joint"))
     np.testing.assert_array_equal(found.germs, samples.germs)

@@ -17,11 +17,11 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.reference.direct import Monolithic
+from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from latin_core import CheckpointError, InputError, Options, snake_order
@@ -231,8 +231,8 @@ def test_the_status_is_that_of_the_worst_point(whole):
         return replace(whole, points=replace(whole.points, status=status)).status
 
     assert among("max_iterations") == "max_iterations"
-    assert among("max_iterations", "diverged", "stagnated") == "diverged"
-    assert among("diverged", "") == "interrupted"  # a point that was not reached
+    assert among("max_iterations", "slides", "undecided") == "slides"
+    assert among("slides", "") == "interrupted"  # a point that was not reached
     with pytest.raises(ValueError, match="not in"):
         among("unknown")
 
@@ -296,6 +296,13 @@ def equal(a: SweepResult, b: SweepResult) -> None:
     for name in a.plan.active:
         for one, other in ((a.force(name), b.force(name)), (a.jump(name), b.jump(name))):
             assert np.abs(one - other).max() < 1e-8 * np.abs(one).max()
+
+
+def test_points_that_time_did_not_reach_say_so(problem, whole):
+    late = sweep(problem, GRID, options=TIGHT.with_(max_seconds=0.0), progress=False)
+    assert not late.complete and late.status == "time_limit" and (late.statuses == "time_limit").all()
+    long = sweep(problem, GRID, options=TIGHT.with_(max_seconds=3600.0), progress=False)
+    assert long.complete and (long.statuses == whole.statuses).all()
 
 
 def test_interrupted_sweep_goes_on(problem, whole, tmp_path):

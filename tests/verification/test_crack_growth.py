@@ -122,5 +122,5 @@ def test_what_a_butt_joint_does_not_carry_is_said(ratio: float, over: float) -> 
     pull = lf.Amplitude([0, 1, 2, 3], [0, 2, 4.9, over / 100])
     scene.traction("right:x1", pull * (1.0, 0, 0))
     result = lf.solve(lf.assemble(scene), times=[1, 2, 3], progress=False)
-    assert result.statuses == ("converged", "converged", "no_equilibrium")
+    assert result.statuses == ("converged", "converged", "slides")
     assert result.force("glue")[:2, 0, 0] == pytest.approx([2.0, 4.9], rel=1e-6)

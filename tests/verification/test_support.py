@@ -272,7 +272,7 @@ def test_a_place_that_only_friction_that_is_used_up_holds_is_one_of_many():
     """
     for shear in (0.0150, 0.0152, 0.0165):
         with pytest.warns(SceneWarning, match="'mid' slips at step 1, t = 2 .*translation along x"):
-            assert solve(between_plates(0.3, shear), times=[1.0, 2.0]).status in ("converged", "stagnated")
+            assert solve(between_plates(0.3, shear), times=[1.0, 2.0]).status in ("converged", "undecided")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         solve(between_plates(0.5, 0.02), times=[1.0, 2.0])

@@ -25,6 +25,7 @@ from petsc4py import PETSc
 
 from latin_core import _core
 from latin_core._core import (
+    STATUSES,
     Beginning,
     Body,
     Elimination,
@@ -72,6 +73,7 @@ def get_include() -> str:
 
 
 __all__ = [
+    "STATUSES",
     "Beginning",
     "Body",
     "Checkpoint",

@@ -21,7 +21,8 @@ Sparse: TypeAlias = Any  # scipy.sparse matrix, float64
 Backend: TypeAlias = Literal["automatic", "cholmod", "cholmod64", "mumps"]
 Operator: TypeAlias = Literal["automatic", "condensed", "factored"]
 Status: TypeAlias = Literal[
-    "converged", "max_iterations", "stagnated", "inexact", "diverged", "no_equilibrium", "interrupted"
+    "converged", "inexact", "max_iterations", "undecided", "undetermined", "slides", "no_equilibrium",
+    "time_limit", "interrupted"
 ]
 
 class InputError(ValueError): ...
@@ -281,7 +282,7 @@ class Structure:
         point_callback: Callable[[int, Laws, Summary, State], object] | None = None,
         next_points: Callable[[], Sequence[int]] | None = None,
         beginning: Beginning | None = None,
-    ) -> None: ...
+    ) -> str: ...
     def global_stage(
         self, laws: Laws, data: npt.ArrayLike, amplitudes: npt.ArrayLike | None = None
     ) -> Array: ...
@@ -309,6 +310,8 @@ def find_roots(
     flexibility: Array,
 ) -> tuple[Array, list[bool], Array]: ...
 def default_options() -> dict[str, Any]: ...
+
+STATUSES: tuple[str, ...]
 def available_backends() -> str: ...
 
 class Elimination:

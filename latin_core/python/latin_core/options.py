@@ -30,12 +30,15 @@ class Options:
         search direction and may lie a thousand times below the error.
     max_iterations
         Global stages in one solve.
+    max_seconds
+        Of a solve, or of a whole sweep or sampling, which end then with the status ``"time_limit"`` and what is
+        done so far: asked before every step and every factorisation.
     acceleration
         Depth of Anderson's history; 0 runs the plain iteration of 2004.
     relaxation
         mu in (0, 1]; 1 is the plain step.
     stagnation_window
-        Iterations without progress after which a run ends as ``"stagnated"``.
+        Iterations without progress after which a run ends as ``"undecided"``.
     newton
         Newton's method begins after one accelerated step less than this, where a law is nonlinear and no
         column is transformed: on the dense flexibility of the interfaces, column by column of a history,
@@ -89,6 +92,7 @@ class Options:
     rtol: float = _DEFAULT["rtol"]
     criterion: Literal["error", "indicator"] = "error"
     max_iterations: int = _DEFAULT["max_iterations"]
+    max_seconds: float = _DEFAULT["max_seconds"]
     acceleration: int = _DEFAULT["acceleration"]
     relaxation: float = _DEFAULT["relaxation"]
     stagnation_window: int = _DEFAULT["stagnation_window"]
@@ -129,6 +133,7 @@ class Options:
     def __post_init__(self) -> None:
         self._number("rtol", lambda value: 0.0 < value < 1.0, "in (0, 1)")
         self._number("relaxation", lambda value: 0.0 < value <= 1.0, "in (0, 1]")
+        self._number("max_seconds", lambda value: value >= 0.0, "at 0 or above")
         self._number("memory_limit", lambda value: value >= 0.0, "at 0 or above")
         for name, least, most in _COUNTS:
             self._count(name, least, most)

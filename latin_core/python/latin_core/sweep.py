@@ -86,7 +86,8 @@ class SweepPoints:
         (points,) global stages, estimated relative error, wall time; -1 and NaN where a point was
         not reached.
     status
-        (points,) end of each iteration, "" where not reached.
+        (points,) end of each iteration; where it was not reached, ``"interrupted"`` or ``"time_limit"``, or "" if it
+        was not asked for or is missed.
     worst
         (points, 2) row and column of the largest error in ``Summary.errors`` of this rank; -1: there is none.
     largest
@@ -423,7 +424,8 @@ def sweep(
             progress(point, summary)
 
     def solve(order: Sequence[int], **more: Any) -> None:
-        structure.sweep(
+        nonlocal ended
+        ended = structure.sweep(
             laws,
             options=options,
             amplitudes=amplitudes,
@@ -438,6 +440,7 @@ def sweep(
         checked()
 
     run: _OverRanks | None = None
+    ended = "converged"
     try:
         with nullcontext() if shares is None else shares.agreed():
             if checkpoint is not None and (shares is None or shares.first):
@@ -455,9 +458,12 @@ def sweep(
             run = _OverRanks(shares, keeper, file)
             few = _PILOTS_OF_SAMPLES if options.scatter else 0 if start else _PILOTS
             run.solve(split(order, _coordinates(parameters), few), solve, callback)
+            ended = max(shares.joined([ended]), key=_core.STATUSES.index)
     finally:
         if file is not None:
             file.close()
+    if ended != "converged":
+        result.status[result.iterations < 0] = ended
     return result
 
 

@@ -160,7 +160,7 @@ NewtonOutcome Newton::solve(State& state, double tolerance, Index most) {
 NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   NewtonOutcome outcome;
   const Index columns = std::min(most, state.data.cols());
-  slides_ = false;
+  lost_.reset();
   asked_ = -1;
   stopped_ = false;
   scale_ = size_of_forces(state.data, state.traces);
@@ -177,7 +177,9 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
     stages += 3.0;
     fall_ = 0.0;
     if (!solve_column(state, column, tolerance, outcome.steps)) {
-      outcome.slides = slides_ && state.data.cols() == system_.laws().steps();
+      if (state.data.cols() == system_.laws().steps()) {
+        outcome.lost = lost_;
+      }
       break;
     }
     last_ = {column.force(), column.jump, {}};
@@ -217,7 +219,7 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
   const bool found = march(state, column, tolerance, steps);
   const bool same = found && !known && of_own.norm <= tolerance * scale_ &&
                     skeleton_->size_of(column.force() - of_own.force()) <= same_answer * scale_;
-  if ((found || slides_) && !same) {
+  if ((found || lost_) && !same) {
     commit(state, column);
     if (found && softens_) {  // a long way has left its rounding, and is not gone again
       refine(state, column, tolerance, steps);
@@ -257,16 +259,16 @@ bool Newton::march(const State& state, Column& column, double tolerance, Index& 
       }
       break;  // rounding holds it there
     }
-    if (slides_) {
+    if (lost_) {
       break;
     }
   }
   column = start;
-  if (lost(column)) {
+  if (unbalanced(column)) {
     return false;
   }
-  if (drift(column, tolerance, steps) || slides_) {
-    return !slides_;
+  if (drift(column, tolerance, steps) || lost_) {
+    return !lost_;
   }
   column = start;
   if (soften(column, tolerance, steps) && (!gone(column) || hangs(column, column.start.loads))) {
@@ -333,7 +335,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     const double moves = reach(step.change - own_.cwiseProduct(step.dy));
     const bool flies =
         system_.follow_first(far > 0.0 && moves > far && skeleton_->loose(step.dm, size));
-    if (flies && lost(column)) {
+    if (flies && unbalanced(column)) {
       return false;
     }
     share = flies ? step_on_springs(column, tangent, far, step, steps) : 1.0;
@@ -402,12 +404,14 @@ bool Newton::gone(const Column& column) const {
 }
 
 /// Whether nothing can balance the loads of a column.
-bool Newton::lost(const Column& column) {
+bool Newton::unbalanced(const Column& column) {
   if (balanced_ && asked_ != column.index) {
     asked_ = column.index;
-    slides_ = !balanced_(column.index);
+    if (!balanced_(column.index)) {
+      lost_ = Status::no_equilibrium;
+    }
   }
-  return slides_;
+  return lost_ == Status::no_equilibrium;
 }
 
 /// The modes on springs that hold them where the column began, ever weaker: at an equilibrium they carry nothing in the
@@ -428,13 +432,15 @@ bool Newton::drift(Column& column, double tolerance, Index& steps) {
     if (found && gone(column) && spring < weak_spring && carried.back() > carries_nothing * size &&
         carried.back() > constant_share * carried[carried.size() - 2]) {
       skeleton_->hold(0.0);
-      slides_ = !hangs(column, imbalance(column));
+      if (!hangs(column, imbalance(column))) {
+        lost_ = Status::slides;
+      }
       break;
     }
   }
   skeleton_->hold(0.0);
   evaluate(column);
-  return found && !slides_ &&
+  return found && !lost_ &&
          (attempt(column, tolerance, {}, steps) ||
           attempt(column, tolerance, {nullptr, true}, steps));
 }

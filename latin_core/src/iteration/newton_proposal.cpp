@@ -65,7 +65,7 @@ NewtonOutcome NewtonProposal::propose(Iterate from, Index most) {
   }
   made_ = true;
   columns_ = outcome.solved;
-  slides_ = outcome.slides;
+  lost_ = outcome.lost;
   step_.data = proposal.data - from.state.data;
   step_.traces = proposal.traces - from.state.traces;
   residual_.resize(step_.data.rows(), step_.data.cols());

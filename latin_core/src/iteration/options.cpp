@@ -21,6 +21,8 @@ void Options::check() const {
                                     {"together", together}}) {
     demand(value >= 1, name + (" is " + std::to_string(value)) + ": it must be at least 1");
   }
+  demand(max_seconds >= 0.0,
+         "max_seconds is " + std::to_string(max_seconds) + ": it must not be negative");
   demand(newton >= 0, "newton is " + std::to_string(newton) + ": it must not be negative");
   demand(acceleration >= 0 && acceleration <= 100,
          "acceleration is " + std::to_string(acceleration) + ": it must lie in 0..100");

@@ -46,8 +46,7 @@ constexpr double newton_accuracy = 1e-3;
 
 /// Whether a run ended without an answer, and not because someone wanted it to.
 bool gave_up(Status status) {
-  return status == Status::max_iterations || status == Status::stagnated ||
-         status == Status::diverged;
+  return status == Status::max_iterations || status == Status::undecided;
 }
 
 /// Whether Newton's method is asked for, or takes no more than a run without an answer may pay.
@@ -113,26 +112,27 @@ Summary Run::run(bool traces_known) {
   begin(traces_known);
   for (;;) {
     Measured measured = observe();
-    if (newton_.slides()) {
-      return slid();
+    if (const auto lost = newton_.lost()) {
+      return end_at(*lost);
     }
-    std::optional<Status> status = stopping_.judge(
-        summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
-    if (rounding_ && status != Status::interrupted) {
+    std::optional<Status> status = stopping_.judge(summary_.history.back(), wanted_end());
+    if (rounding_ && status != Status::interrupted && status != Status::time_limit) {
       status = Status::inexact;
     }
     // as many iterations again, where there is room for any
     if (status && gave_up(*status) && !options_.stop_on_indicator &&
         options_.max_iterations >= least_room) {
       measured = rescue(std::move(measured));
-      if (newton_.slides()) {
-        return slid();
+      if (const auto lost = newton_.lost()) {
+        return end_at(*lost);
       }
       report(measured);
       if (summary_.error <= options_.rtol) {
         status = Status::converged;
       } else if (rounding_) {
         status = Status::inexact;
+      } else if (const auto end = wanted_end()) {
+        status = end;
       }
     }
     if (!status) {
@@ -161,10 +161,10 @@ Summary Run::run(bool traces_known) {
   }
 }
 
-/// Something slides away.
-Summary Run::slid() {
+/// At a step without equilibrium.
+Summary Run::end_at(Status lost) {
   const State others = end_of_march();
-  finish(Status::no_equilibrium);
+  finish(lost);
   state_.data += others.data;
   state_.traces += others.traces;
   return summary_;
@@ -232,7 +232,7 @@ Measured Run::observe() {
   if (newton_.due()) {
     propose();
   }
-  stop_ = interrupted_;
+  stop_ = interrupted_ || late();
   Measured measured = stages_.measure(at(), history_, stop_);
   errors_ = estimate(measured);
   double error = error_.largest(errors_);
@@ -273,7 +273,7 @@ Measured Run::rescue(Measured measured) {
   }
   if (newton_.untried()) {
     propose();
-    if (newton_.slides()) {
+    if (newton_.lost()) {
       return measured;
     }
   }
@@ -396,7 +396,16 @@ bool Run::goes_on(Index steps) {
     tell(iteration);
   }
   stages_.agree();
-  return structure_.communicator().everywhere(!interrupted_);
+  return structure_.communicator().everywhere(!interrupted_ && !late());
+}
+
+/// As what the run ends here: it was interrupted on some rank, or its time is over.
+std::optional<Status> Run::wanted_end() {
+  const Communicator& ranks = structure_.communicator();
+  if (!stop_ && !(interrupted_ && ranks.alone())) {
+    return std::nullopt;
+  }
+  return ranks.everywhere(!interrupted_) ? Status::time_limit : Status::interrupted;
 }
 
 Matrix Run::estimate(const Measured& measured) {
@@ -506,11 +515,11 @@ bool Run::follow(const Measured& measured) {
   return true;
 }
 
-/// An answer with a number that is none has diverged, whatever was estimated. Collective.
+/// An answer with a number that is none is no answer, whatever was estimated. Collective.
 void Run::refuse_none() {
   if (!structure_.communicator().everywhere(state_.data.allFinite() && state_.traces.allFinite() &&
                                             std::isfinite(summary_.energy))) {
-    summary_.status = Status::diverged;
+    summary_.status = Status::undecided;
     summary_.error = unknown_error;
   }
 }

@@ -230,7 +230,7 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
     }
     NewtonOutcome outcome = newton->solve(state, tolerance, most);
     // what they have not solved
-    if (!dense && !outcome.slides && outcome.solved < std::min(most, state.data.cols()) &&
+    if (!dense && !outcome.lost && outcome.solved < std::min(most, state.data.cols()) &&
         structure().has_flexibility() && substructure::Tangent::bearable(structure()) &&
         goes_on(outcome.steps)) {
       dense = true;
@@ -240,7 +240,7 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
                  outcome.stages + further.stages,
                  outcome.steps + further.steps,
                  0.0,
-                 further.slides,
+                 further.lost,
                  further.falls};
     }
     outcome.flexibility_s = seconds;

@@ -13,18 +13,18 @@ constexpr double share_of_progress = 0.9;
 
 }  // namespace
 
-std::optional<Status> StoppingRule::judge(const Iteration& iterate, bool interrupted) {
+std::optional<Status> StoppingRule::judge(const Iteration& iterate, std::optional<Status> stop) {
   if (first_residual_ < 0.0) {
     first_residual_ = iterate.residual;
   }
   if (!std::isfinite(iterate.residual) || iterate.residual > beyond_use * first_residual_) {
-    return Status::diverged;
+    return Status::undecided;
   }
   if ((options_.stop_on_indicator ? iterate.indicator : iterate.error) <= options_.rtol) {
     return Status::converged;
   }
-  if (interrupted) {
-    return Status::interrupted;
+  if (stop) {
+    return stop;
   }
   if (iterate.number >= options_.max_iterations) {
     return Status::max_iterations;
@@ -35,7 +35,7 @@ std::optional<Status> StoppingRule::judge(const Iteration& iterate, bool interru
     residual_then_ = std::min(iterate.residual, residual_then_);
     error_then_ = std::min(iterate.error, error_then_);
   } else if (iterate.number - last_progress_ > options_.stagnation_window) {
-    return Status::stagnated;
+    return Status::undecided;
   }
   return std::nullopt;
 }

@@ -264,7 +264,8 @@ class Sweep {
     }
   }
 
-  void run(const std::vector<Index>& order, const NextPoints& next) {
+  /// @return converged if it went through, else as what it has ended
+  Status run(const std::vector<Index>& order, const NextPoints& next) {
     for (std::size_t i = 0; i < known_.size(); ++i) {
       shift(known_[i].traces, known_points_[i], -1.0);
     }
@@ -276,7 +277,9 @@ class Sweep {
       }
     } catch (const Interrupted&) {
       hand_out_early();  // all other finished points have been handed out
+      return ended_;
     }
+    return Status::converged;
   }
 
  private:
@@ -501,11 +504,29 @@ class Sweep {
   Summary solve_or_stop(Index point, const substructure::Laws& laws, State& state,
                         const std::vector<const State*>& start) {
     const Matrix amplitudes = loads_.empty() ? amplitudes_ : Matrix(amplitudes_ + loads_of(point));
-    Summary summary = solve(laws, options_, amplitudes, state, start, callback_, linear_);
-    if (summary.status == Status::interrupted) {
+    Options options = options_;
+    options.max_seconds = seconds_left();
+    Summary summary = solve(laws, options, amplitudes, state, start, callback_, linear_);
+    if (summary.status == Status::interrupted || summary.status == Status::time_limit) {
+      ended_ = summary.status;
       throw Interrupted();
     }
     return summary;
+  }
+
+  /// Of its time, a little at least: what takes no time is done. @throws Interrupted where it is over. Collective.
+  [[nodiscard]] double seconds_left() {
+    if (options_.max_seconds == std::numeric_limits<double>::infinity()) {
+      return options_.max_seconds;
+    }
+    const double spent =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    const double left = -structure_.communicator().largest(spent - options_.max_seconds);
+    if (left <= 0.0) {
+      ended_ = Status::time_limit;
+      throw Interrupted();
+    }
+    return left;
   }
 
   /// The callback; that it asked for the end is noted, because a point that just converged does not heed it.
@@ -677,6 +698,7 @@ class Sweep {
 
   /// One iteration for all of them; those that it does not answer are solved one by one.
   void try_together(std::span<const Index> points) {
+    static_cast<void>(seconds_left());
     const auto start = std::chrono::steady_clock::now();
     Vector centre = Vector::Zero(where_.rows());
     for (const Index point : points) {
@@ -745,7 +767,9 @@ class Sweep {
   std::vector<State> known_;                           ///< without the answer to swept loads
   std::vector<Index> known_points_;
   double smallest_ = std::numeric_limits<double>::infinity();  ///< norm of the data of a point
-  bool stop_ = false;  ///< a callback of this rank asked for the end
+  bool stop_ = false;                   ///< a callback of this rank asked for the end
+  Status ended_ = Status::interrupted;  ///< as what it ends before all points are solved
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   const Callback callback_;
   const PointCallback& point_callback_;
   Matrix where_;
@@ -790,10 +814,10 @@ const Linearisation& Beginning::of(const substructure::Laws& laws, const Matrix&
   return known_;
 }
 
-void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
-           const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
-           std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
-           const PointCallback& point_callback, const NextPoints& next, Beginning* beginning) {
+Status sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+             const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
+             std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
+             const PointCallback& point_callback, const NextPoints& next, Beginning* beginning) {
   const SerialAlgebra serial;  // as in solve()
   if (known.size() != known_points.size()) {
     throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
@@ -802,7 +826,7 @@ void sweep(const substructure::Laws& laws, const Options& options, const Matrix&
   Sweep all(laws, options, amplitudes, parameters, std::move(known), std::move(known_points),
             callback, point_callback, beginning);
   all.check(order);
-  all.run(order, next);
+  return all.run(order, next);
 }
 
 std::vector<Index> snake_order(const std::vector<Index>& shape) {

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 
 #include "latin/common/types.hpp"
 #include "latin/iteration/joined_system.hpp"
@@ -43,7 +44,7 @@ class Newton {
   /// @param global stage of the run, amplitudes of its load patterns; they must outlive this object
   /// @param dense   by the dense flexibility of the interfaces, or with the whole bodies
   /// @param goes_on asked before every step with the number of those so far: whether to take it. Collective.
-  /// @param balanced asked at the first flight of a column: where nothing balances its loads, it slides away
+  /// @param balanced asked at the first flight of a column: where nothing balances its loads, it has no equilibrium
   Newton(substructure::GlobalStage& global, const Matrix& amplitudes, bool dense = true,
          std::function<bool(Index)> goes_on = {}, Balanced balanced = {});
 
@@ -134,7 +135,7 @@ class Newton {
   [[nodiscard]] bool in_parts(const State& state, Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool drift(Column& column, double tolerance, Index& steps);
   [[nodiscard]] bool gone(const Column& column) const;
-  [[nodiscard]] bool lost(const Column& column);
+  [[nodiscard]] bool unbalanced(const Column& column);
   [[nodiscard]] bool hangs(const Column& column, const Vector& loads);
   [[nodiscard]] bool settle(Column& column, double ratio, double tolerance, Index& steps);
   [[nodiscard]] bool soften(Column& column, double tolerance, Index& steps);
@@ -185,10 +186,10 @@ class Newton {
   std::function<bool(Index)> goes_on_;
   bool stopped_ = false;  ///< by that
   Balanced balanced_;
-  Index asked_ = -1;      ///< column that this was asked of
-  bool slides_ = false;   ///< whether something of the column slides away
-  double far_ = 0.0;      ///< reach of a step
-  double lengths_ = 0.0;  ///< reach of the gaps and of what else the laws impose on the jumps
+  Index asked_ = -1;            ///< column that this was asked of
+  std::optional<Status> lost_;  ///< why the column has no equilibrium
+  double far_ = 0.0;            ///< reach of a step
+  double lengths_ = 0.0;        ///< reach of the gaps and of what else the laws impose on the jumps
 };
 
 }  // namespace latin::iteration

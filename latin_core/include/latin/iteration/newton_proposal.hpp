@@ -6,6 +6,7 @@
 #include "latin/common/types.hpp"
 #include "latin/iteration/metric.hpp"
 #include "latin/iteration/state.hpp"
+#include "latin/iteration/summary.hpp"
 
 namespace latin::iteration {
 
@@ -15,8 +16,8 @@ struct NewtonOutcome {
   double stages = 0.0;  ///< work in global stages of all columns, the factorisations not counted
   Index steps = 0;      ///< Newton steps of single columns
   double flexibility_s = 0.0;  ///< seconds of the flexibility of the bodies, where it was made
-  bool slides =
-      false;  ///< whether the next column has no equilibrium on the way there: something slides away
+  /// Why the next column has no equilibrium on the way there: Status::no_equilibrium, or Status::slides.
+  std::optional<Status> lost;
   /// By what share of itself the load of each column has to fall on the way of its bonds; empty: it was not solved.
   Vector falls;
 };
@@ -66,8 +67,8 @@ class NewtonProposal {
   [[nodiscard]] bool failed_before() const { return failures_ > 0; }
   /// Columns that the proposal has solved.
   [[nodiscard]] Index columns() const { return columns_; }
-  /// Whether it says that the next one has no equilibrium.
-  [[nodiscard]] bool slides() const { return made_ && slides_; }
+  /// Why the next one has no equilibrium, if it says so.
+  [[nodiscard]] std::optional<Status> lost() const { return made_ ? lost_ : std::nullopt; }
 
   /// The proposed change of data and traces.
   [[nodiscard]] const State& step() const { return step_; }
@@ -93,7 +94,7 @@ class NewtonProposal {
   double norm_ = 0.0;    ///< |residual_|
   bool made_ = false;
   bool tried_ = false;
-  bool slides_ = false;
+  std::optional<Status> lost_;
   Index columns_ = 0;         ///< that the proposal has solved
   Index solved_ = 0;          ///< that the last one followed had solved
   Index wait_ = 0;            ///< iterations until the next proposal

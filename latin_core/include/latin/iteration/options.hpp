@@ -1,5 +1,7 @@
 #pragma once
 
+#include <limits>
+
 #include "latin/common/types.hpp"
 
 namespace latin::iteration {
@@ -10,9 +12,11 @@ struct Options {
   bool stop_on_indicator =
       false;  ///< false: the k-free error estimate; true: the paper's indicator
   Index max_iterations = 500;
-  Index acceleration = 10;        ///< depth of Anderson's history; 0: the plain iteration
-  double relaxation = 1.0;        ///< mu in (0, 1]: s <- s + mu r (and of Anderson's remainder)
-  Index stagnation_window = 100;  ///< iterations without progress before a run is called stagnated
+  Index acceleration = 10;  ///< depth of Anderson's history; 0: the plain iteration
+  double relaxation = 1.0;  ///< mu in (0, 1]: s <- s + mu r (and of Anderson's remainder)
+  Index stagnation_window =
+      100;  ///< iterations without progress after which a run ends as undecided
+  double max_seconds = std::numeric_limits<double>::infinity();  ///< of a solve, or a whole sweep
   /// Newton's method begins after one accelerated step less than this. 0: where the run would give up, if at all.
   Index newton = 1;
   Index snapshots = 15;  ///< earlier states combined for the start of a new point; 1: the nearest

@@ -65,7 +65,9 @@ class Run {
   void propose(Index most);
   bool follow(const Measured& measured);
   State end_of_march();
-  Summary slid();
+  Summary end_at(Status lost);
+  [[nodiscard]] bool late() const { return elapsed() > options_.max_seconds; }
+  [[nodiscard]] std::optional<Status> wanted_end();
   void finish(Status status);
   void refuse_none();
   void add_rounding_of_bodies();
@@ -96,7 +98,7 @@ class Run {
   int rounds_left_ = 0;             ///< in which all columns may be solved for at once
   bool solved_ = false;             ///< for all columns at once: the next iterate is to be checked
   bool started_elsewhere_ = false;  ///< from states of other parameters
-  bool stop_ = false;               ///< interrupted on some rank, as all know
+  bool stop_ = false;               ///< interrupted or late on some rank, as all know
 };
 
 }  // namespace latin::iteration

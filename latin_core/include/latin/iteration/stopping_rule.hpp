@@ -15,9 +15,9 @@ class StoppingRule {
   explicit StoppingRule(const Options& options) : options_(options) {}
 
   /// To be asked once for every iterate.
-  /// @param interrupted someone wants what is done so far
+  /// @param stop as what it ends here, because someone wants what is done so far; nothing: nobody does
   /// @return nothing: go on
-  [[nodiscard]] std::optional<Status> judge(const Iteration& iterate, bool interrupted);
+  [[nodiscard]] std::optional<Status> judge(const Iteration& iterate, std::optional<Status> stop);
   /// Earlier numbers are not to be compared with what comes.
   void forget();
 

@@ -2,6 +2,7 @@
 
 #include <exception>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -9,17 +10,21 @@
 
 namespace latin::iteration {
 
-/// How an iteration ended.
+/// How an iteration ended, from the best to the worst.
 enum class Status {
   converged,       ///< the estimated error is below the tolerance
-  max_iterations,  ///< the tolerance was not reached in the allowed iterations
-  stagnated,       ///< the error stopped falling: a direction far off, or no answer
   inexact,         ///< what is left is rounding, and more than the tolerance
-  diverged,        ///< the residual grew beyond any use, or became NaN
-  no_equilibrium,  ///< what the loads move slides on as far as it is let: the steps before that are answers
-  interrupted  ///< a callback asked for what is done so far
+  max_iterations,  ///< the tolerance was not reached in the allowed iterations
+  undecided,  ///< the error stopped falling, or the forces grew beyond any use: no answer was found, nor why not
+  undetermined,  ///< parts are free in motions that no load drives: any place is an answer. For callers that know them
+  slides,  ///< what the loads move slides on as far as it is let: the steps before that are answers
+  no_equilibrium,  ///< no admissible forces balance the loads of a step: those before it are answers
+  time_limit,      ///< the seconds that it may take were over
+  interrupted      ///< a callback asked for what is done so far
 };
 std::string to_string(Status status);
+/// All of them, in their order.
+std::span<const Status> statuses();
 
 /// One iteration as a callback sees it.
 struct Iteration {

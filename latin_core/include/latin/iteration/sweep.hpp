@@ -67,15 +67,17 @@ class Beginning {
 ///                   same states, tangents and tolerance, whatever was solved before: so answers do not depend on who
 ///                   solves which
 /// @param beginning  of `laws`, from which points of linear laws are solved; null: from the point in their middle
-/// A callback that throws Interrupted ends the sweep: points that are finished by then have been handed out.
+/// A callback that throws Interrupted ends the sweep, as does the end of Options::max_seconds: points that are
+/// finished by then have been handed out.
 ///
+/// @return Status::converged if it went through, else Status::interrupted or Status::time_limit
 /// @throws InputError on shapes and positions that do not fit, naming the interface
 /// @throws whatever else a callback throws, after the point it was called for
-void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
-           const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
-           std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
-           const PointCallback& point_callback, const NextPoints& next = {},
-           Beginning* beginning = nullptr);
+Status sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+             const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
+             std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
+             const PointCallback& point_callback, const NextPoints& next = {},
+             Beginning* beginning = nullptr);
 
 /// Order in which a grid is walked: neighbours in the order differ in one parameter by one step
 /// (boustrophedon), the last axis fastest.
