@@ -227,9 +227,10 @@ def solve(
     meshes
         With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
     max_unknowns, max_seconds
-        Budgets: of the meshes of a scene, in unknowns of all parts (None: 400 000); in seconds, of factorisation
-        and iteration (None: no limit): it ends then with what is done so far and the status ``"time_limit"``,
-        with `accuracy` with the best answer so far, and ``result.errors()`` says what is left.
+        Budgets: of the meshes of a scene, in unknowns of all parts (None: 400 000); in seconds, of
+        factorisation and iteration (None: no limit): it ends then with what is done so far and the status
+        ``"time_limit"``, with `accuracy` with the best answer so far, and ``result.errors()`` says what is
+        left.
     comm
         Of a scene: mpi4py communicator over which its parts are spread, as for
         :func:`dolfinx_frontend.assemble`; collective. A problem has the ranks that it was assembled over.

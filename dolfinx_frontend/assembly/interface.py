@@ -224,6 +224,13 @@ class Interface(PointFrames):
     def __post_init__(self) -> None:
         locked(self)
 
+    @property
+    def cell_sizes(self) -> Array:
+        """(m,), length: of the facets that the points are on."""
+        sizes = np.asarray(self.areas.sum(axis=1)).ravel() ** (1.0 / max(self.dim - 1, 1))
+        of_points = np.asarray(self.areas.sum(axis=0)).ravel()
+        return np.asarray(self.areas.T @ sizes / np.maximum(of_points, np.finfo(float).tiny))
+
     def stiffness_unit(self, parts: Mapping[str, Elasticity], modulus: float | None = None) -> float:
         """Stiffness of the softer part in the unit of a spring of this interface.
 

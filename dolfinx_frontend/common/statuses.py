@@ -1,9 +1,13 @@
-"""How an answer ended: the kernel's statuses, by name (``docs/statuses.md``)."""
-
-from latin_core import STATUSES
+"""How an answer ended: some of the kernel's statuses, ``latin_core.STATUSES``, by name (``docs/statuses.md``)."""
 
 __all__ = [
-    *("INEXACT", "NO_EQUILIBRIUM", "RENAMED", "SLIDES", "STATUSES", "STOPPED", "UNDECIDED", "UNDETERMINED"),
+    "INEXACT",
+    "NO_EQUILIBRIUM",
+    "RENAMED",
+    "SLIDES",
+    "STOPPED",
+    "UNDECIDED",
+    "UNDETERMINED",
 ]
 
 INEXACT = "inexact"

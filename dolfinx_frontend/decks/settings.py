@@ -118,7 +118,7 @@ class Deck:
 
     @property
     def options(self) -> Options:
-        """Options of the kernel; the seconds of a search for an accuracy are not those of each of its runs."""
+        """Options of the kernel; the seconds of a search for an accuracy are not those of each run."""
         own = {name: value for name, value in self.run.items() if name in OPTIONS}
         if self.way == "accuracy":
             own.pop("max_seconds", None)

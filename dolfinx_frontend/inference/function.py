@@ -37,8 +37,9 @@ from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings
 from dolfinx_frontend.results.accuracy import place_of
 from dolfinx_frontend.results.sweep import SweepResult
-from dolfinx_frontend.solvers.sampling import short_steps
 from dolfinx_frontend.solvers.loose import check_bolts
+from dolfinx_frontend.solvers.sampling import short_steps
+from dolfinx_frontend.solvers.sliding import check_sliding
 from dolfinx_frontend.solvers.support import named_without_equilibrium
 from dolfinx_frontend.solvers.sweep import checkpoint_path
 from dolfinx_frontend.uncertainty.expressions import Operand
@@ -153,6 +154,7 @@ class ProblemFunction:
         fields = 2 * sum(i.num_points * i.dim for i in inputs.problem.interfaces.values()) * 8
         self._batch = int(max(1, BYTES // (size + fields * plan.steps + 1)))
         self._pushing: list[str] = []  # bolts that were named
+        self._slid: list[str] = []  # contacts that were
         self._looked = False
         self._reduced: Reduced | None = None
         self._journal: Journal | None = None
@@ -351,7 +353,9 @@ class ProblemFunction:
             solved = named_without_equilibrium(
                 "point", answer, own, lambda k: inputs.problem_at(x[k]), inputs.acts
             )
-            self._pushing += check_bolts(replace(answer, points=solved), "point", self._pushing)
+            answer = replace(answer, points=solved)
+            self._pushing += check_bolts(answer, "point", self._pushing)
+            self._slid += check_sliding(answer, "point", self._slid)
             values = self._read(answer, x)
         # of a large batch those at the end, which are neighbours of each other, would do little good
         spaced = np.linspace(0, len(x) - 1, min(len(x), self._kept)).round().astype(np.int64)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from latin_core import Summary
+from latin_core import STATUSES, Summary
 
 from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.common.arrays import Array
@@ -21,7 +21,6 @@ from dolfinx_frontend.common.statuses import (
     INEXACT,
     NO_EQUILIBRIUM,
     SLIDES,
-    STATUSES,
     UNDECIDED,
     UNDETERMINED,
 )
@@ -51,8 +50,8 @@ NUMBERED = 10
 
 _REMEDIES = {
     "max_iterations": "allow more with Options(max_iterations=...)",
-    UNDECIDED: "leave method, direction and options to solve, hold every part where contacts slip or open, or "
-    "apply the loads in more steps",
+    UNDECIDED: "leave method, direction and options to solve, hold every part where contacts slip or "
+    "open, or apply the loads in more steps",
     "time_limit": "allow more with max_seconds, or go on from here with start=result",
     "interrupted": "go on from here with start=result",
     SLIDES: "raise preload or friction, or hold what moves",

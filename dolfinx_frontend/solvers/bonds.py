@@ -81,7 +81,7 @@ def _check_cells(result: Result, interface: Interface) -> None:
     if not grows.any():
         return
     zone = law.process_zone(interface, _modulus_across(result.problem, interface))
-    cells = np.where(grows, zone / _cell_sizes(interface), np.inf)
+    cells = np.where(grows, zone / interface.cell_sizes, np.inf)
     worst = int(np.argmin(cells))
     if cells[worst] < CELLS:
         place = ", ".join(f"{x:.3g}" for x in interface.points[worst])
@@ -105,10 +105,3 @@ def _modulus_across(problem: Problem, interface: Interface) -> Array:
         else:
             found.append(modulus_along(matrix, interface.normals))
     return np.asarray(np.min(found, axis=0))
-
-
-def _cell_sizes(interface: Interface) -> Array:
-    """(m,), length: of the facets of points on the side that these are on."""
-    sizes = np.asarray(interface.areas.sum(axis=1)).ravel() ** (1.0 / max(interface.dim - 1, 1))
-    of_points = np.asarray(interface.areas.sum(axis=0)).ravel()
-    return np.asarray(interface.areas.T @ sizes / np.maximum(of_points, np.finfo(float).tiny))

@@ -27,6 +27,7 @@ from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.bonds import check_bonds
 from dolfinx_frontend.solvers.loose import check_bolts
 from dolfinx_frontend.solvers.refinement import corrected
+from dolfinx_frontend.solvers.sliding import check_sliding
 from dolfinx_frontend.solvers.support import Support, check_support
 
 __all__ = ["check_start", "solve_on", "solve_once", "start_states"]
@@ -78,11 +79,13 @@ def solve_once(
             lost.answer = result
             check_bolts(result)
             check_bonds(result)
+            check_sliding(result)
         raise
     if slips and result.status == SLIDES:
         result = result.with_notes(verdict=NO_EQUILIBRIUM)
     check_bolts(result)
     check_bonds(result)
+    check_sliding(result)
     return result
 
 

@@ -40,6 +40,7 @@ from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.solvers.loose import check_bolts
+from dolfinx_frontend.solvers.sliding import check_sliding
 from dolfinx_frontend.solvers.support import acts, named_without_equilibrium
 from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
 from dolfinx_frontend.uncertainty.quantities import Kind
@@ -157,6 +158,7 @@ def sample(
         callback=callback, estimator=estimator, ranks=ranks,
     )  # fmt: skip
     check_bolts(result, "sample")
+    check_sliding(result, "sample")
     return result
 
 

@@ -30,13 +30,12 @@ from dolfinx_frontend.common.checks import (
     told_call,
 )
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.frozen import read_only
-from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.frozen import frozen, read_only
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.fitting import solver_of, walked
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
-from dolfinx_frontend.kernel.spread import agreed_over, point_ranks, points_shown
 from dolfinx_frontend.kernel.solver import Solver
+from dolfinx_frontend.kernel.spread import agreed_over, point_ranks, points_shown
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
@@ -46,6 +45,7 @@ from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.solvers.loose import check_bolts
+from dolfinx_frontend.solvers.sliding import check_sliding
 from dolfinx_frontend.solvers.support import acts, named_without_equilibrium
 
 __all__ = [
@@ -330,6 +330,7 @@ def sweep(
     result = replace(result, points=points)
     if keep_fields:
         check_bolts(result, "sweep point")
+        check_sliding(result, "sweep point")
     return result
 
 

@@ -14,8 +14,8 @@ import make_bracket_step
 import pytest
 
 import dolfinx_frontend
-from dolfinx_frontend.common.statuses import STATUSES
 from dolfinx_frontend.results.accuracy import remedy
+from latin_core import STATUSES
 from tests.helpers import printed_as_shown, shown_blocks
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -31,8 +31,8 @@ class Options:
     max_iterations
         Global stages in one solve.
     max_seconds
-        Of a solve, or of a whole sweep or sampling, which end then with the status ``"time_limit"`` and what is
-        done so far: asked before every step and every factorisation.
+        Of a solve, or of a whole sweep or sampling, which end then with the status ``"time_limit"`` and
+        what is done so far: asked before every step.
     acceleration
         Depth of Anderson's history; 0 runs the plain iteration of 2004.
     relaxation

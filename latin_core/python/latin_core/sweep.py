@@ -86,8 +86,8 @@ class SweepPoints:
         (points,) global stages, estimated relative error, wall time; -1 and NaN where a point was
         not reached.
     status
-        (points,) end of each iteration; where it was not reached, ``"interrupted"`` or ``"time_limit"``, or "" if it
-        was not asked for or is missed.
+        (points,) end of each iteration; where it was not reached, ``"interrupted"`` or ``"time_limit"``,
+        or "" if it was not asked for or is missed.
     worst
         (points, 2) row and column of the largest error in ``Summary.errors`` of this rank; -1: there is none.
     largest
@@ -423,6 +423,8 @@ def sweep(
         if progress is not None:
             progress(point, summary)
 
+    ended = "converged"
+
     def solve(order: Sequence[int], **more: Any) -> None:
         nonlocal ended
         ended = structure.sweep(
@@ -440,7 +442,6 @@ def sweep(
         checked()
 
     run: _OverRanks | None = None
-    ended = "converged"
     try:
         with nullcontext() if shares is None else shares.agreed():
             if checkpoint is not None and (shares is None or shares.first):
