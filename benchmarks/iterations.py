@@ -114,6 +114,7 @@ def measure(
         "seconds": result.summary.global_s
         + result.summary.local_s
         + result.summary.newton_s
+        + result.summary.check_s
         + result.summary.other_s,
         "seconds_in_all": seconds,
         "error": result.error,

@@ -545,7 +545,7 @@ def next_halving(result: Result, made: Errors) -> str:
 def _iteration_cost(result: Result) -> tuple[float, float]:
     """Operations of one iteration on all ranks, by the model of the plan, and the seconds that it took."""
     cost, summary = result.plan.cost, result.summary
-    spent = max(summary.global_s + summary.local_s + summary.other_s, 1e-6)
+    spent = max(summary.global_s + summary.local_s + summary.check_s + summary.other_s, 1e-6)
     seconds = float(over_ranks(result, spent / max(result.iterations, 1), max))
     return float(over_ranks(result, cost.iteration_flops if cost is not None else 0.0)), seconds
 

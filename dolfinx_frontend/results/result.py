@@ -329,19 +329,15 @@ class HistoryResult(Result):
 
 
 def phase_seconds(result: Result) -> dict[str, Any]:
-    """Where the time went: assemble, factorise, condense (all bodies), global, local, the flexibility of
-    Newton's method and its steps, other."""
-    costs = result.solver.costs
-    return {
-        "assemble": sum(c["assemble_s"] for c in costs),
-        "factorise": sum(c["factorise_s"] for c in costs),
-        "condense": sum(c["condense_s"] for c in costs),
-        "global": result.summary.global_s,
-        "local": result.summary.local_s,
-        "flexibility": result.summary.flexibility_s,
-        "newton": result.summary.newton_s,
-        "other": result.summary.other_s,
-    }
+    """Where the time went: assemble, factorise, condense (all bodies), prepare (the rest of the set-up),
+    global, local, the flexibility of Newton's method and its steps, checks, callbacks, other, finish (after the
+    iteration); of a solver that another answer has made, its set-up is counted there."""
+    costs, summary = result.solver.costs, result.summary
+    phases = {name: sum(c[f"{name}_s"] for c in costs) for name in ("assemble", "factorise", "condense")}
+    phases["prepare"] = max(result.seconds["setup"] - sum(phases.values()), 0.0)
+    own = ("global", "local", "flexibility", "newton", "check", "callback", "other")
+    iteration = {name: float(getattr(summary, f"{name}_s")) for name in own}
+    return {**phases, **iteration, "finish": result.seconds["solve"] - sum(iteration.values())}
 
 
 def spent(result: Result) -> str:
@@ -350,11 +346,11 @@ def spent(result: Result) -> str:
     phases = phase_seconds(result)
     numbers = sum(c["factor_numbers"] for c in result.solver.costs)
     dense = sum(c["dense_numbers"] for c in result.solver.costs)
-    loop = phases["global"] + phases["local"] + phases["other"]
+    loop = phases["global"] + phases["local"] + phases["other"] + phases["check"]
     lines = [f"{'phase':<12}{'seconds':>10}  predicted"]
     for name, seconds in phases.items():
         said = ""
-        if name in ("flexibility", "newton") and not seconds:
+        if name in ("flexibility", "newton", "check", "callback") and not seconds:
             continue
         if cost is not None and name == "flexibility":
             said = f"{shown(cost.newton_flops, 'Flop')} with Newton's systems"

@@ -58,7 +58,8 @@ Iteration iteration_of(const py::tuple& parts) {
 py::tuple parts_of(const Summary& s) {
   return py::make_tuple(static_cast<int>(s.status), s.iterations, s.error, s.indicator, s.energy,
                         s.global_s, s.local_s, s.newton_s, s.other_s, s.newton_steps, s.restarts,
-                        s.history, s.errors, s.scatter, s.flexibility_s, s.falls);
+                        s.history, s.errors, s.scatter, s.flexibility_s, s.falls, s.check_s,
+                        s.callback_s);
 }
 
 Summary summary_of(const py::tuple& parts) {
@@ -79,6 +80,8 @@ Summary summary_of(const py::tuple& parts) {
   s.scatter = parts[13].cast<double>();
   s.flexibility_s = parts[14].cast<double>();
   s.falls = parts[15].cast<latin::Vector>();
+  s.check_s = parts[16].cast<double>();
+  s.callback_s = parts[17].cast<double>();
   return s;
 }
 
@@ -125,6 +128,9 @@ void bind_results(py::module_& m) {
                     "Seconds of the dense flexibility of Newton steps, where it was made.")
       .def_readonly("newton_s", &Summary::newton_s, "Seconds in Newton steps.")
       .def_readonly("newton_steps", &Summary::newton_steps, "Newton steps of single columns.")
+      .def_readonly("check_s", &Summary::check_s,
+                    "Seconds in checks of estimates, and in what is solved for at once.")
+      .def_readonly("callback_s", &Summary::callback_s, "Seconds in the caller's functions.")
       .def_readonly("other_s", &Summary::other_s, "Seconds in acceleration and error measure.")
       .def_readonly(
           "falls", &Summary::falls,

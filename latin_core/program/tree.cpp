@@ -110,6 +110,20 @@ bool Node::has(const std::string& name) const {
   return H5Lexists(id(), name.c_str(), H5P_DEFAULT) > 0;
 }
 
+/// An object that many names lead to would be read once for each: the file says nothing of how much that is.
+void Node::refuse_shared(hid_t object, const std::string& name) const {
+#if H5_VERSION_GE(1, 12, 0)
+  H5O_info2_t info{};
+  const herr_t failed = H5Oget_info3(object, &info, H5O_INFO_BASIC);
+#else
+  H5O_info_t info{};
+  const herr_t failed = H5Oget_info2(object, &info, H5O_INFO_BASIC);
+#endif
+  if (failed < 0 || info.rc > 1) {
+    fail("two links lead to '" + name + "': store the values for each");
+  }
+}
+
 void Node::refuse_link(const std::string& name) const {
   H5L_info_t info{};
   if (has(name) &&
@@ -128,6 +142,7 @@ Node Node::group(const std::string& name) const {
   if (node.id() < 0) {
     fail("group '" + name + "' is missing");
   }
+  refuse_shared(node.id(), name);
   return node;
 }
 
@@ -225,6 +240,7 @@ Identifier Node::dataset(const std::string& name, std::vector<Index>& shape, H5T
       (wanted == H5T_STRING && !is_variable_text(type.get()))) {
     fail(std::string(kind) + " '" + name + "' are missing");
   }
+  refuse_shared(data.get(), name);
   std::vector<hsize_t> extents(static_cast<std::size_t>(dimensions));
   H5Sget_simple_extent_dims(space.get(), extents.data(), nullptr);
   double bytes = static_cast<double>(H5Tget_size(type.get()));

@@ -59,6 +59,8 @@ class Node {
   [[nodiscard]] bool has(const std::string& name) const;
   /// @throws InputError if it is a link, which may lead to another file
   void refuse_link(const std::string& name) const;
+  /// @throws InputError if another name leads to it as well
+  void refuse_shared(hid_t object, const std::string& name) const;
   [[nodiscard]] Node group(const std::string& name) const;
   /// The groups "0", "1", ... in a group; none if there is no such group.
   [[nodiscard]] std::vector<Node> list(const std::string& name) const;

@@ -359,6 +359,8 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
     "a group of another file": lambda f: rewrite(f, lambda file: external(f, file, "options")),
     "numbers of another file": lambda f: rewrite(f, lambda file: external(f, file, "amplitudes")),
     "a group by a soft link": lambda f: rewrite(f, softly),
+    "a group of two names": lambda f: rewrite(f, lambda file: file.__setitem__("again", file["options"])),
+    "numbers of two names": lambda f: rewrite(f, lambda file: file.__setitem__("again", file["amplitudes"])),
     "numbers that are stored elsewhere": lambda f: rewrite(f, lambda file: stored_elsewhere(f, file)),
     **{
         f"{index} as index of a column": lambda f, index=index: change_matrix(f, indices=index)

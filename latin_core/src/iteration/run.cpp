@@ -203,7 +203,9 @@ bool Run::solve_coupled() {
   const bool first = std::exchange(first_round_, false);
   --rounds_left_;
   Matrix step = residual_;
-  solved_ = verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step);
+  solved_ = timed(summary_.check_s, [&] {
+    return verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step);
+  });
   stages_.set_accuracy_of_fields(accuracy_of_fields());
   if (solved_) {
     state_.data += step;
@@ -287,7 +289,9 @@ Measured Run::rescue(Measured measured) {
       errors_ = estimate(measured);
       summary_.error = error_.largest(errors_);
     }
-  } else if (known && verification_->search(state_, residual_, least, options_.max_iterations)) {
+  } else if (known && timed(summary_.check_s, [&] {
+               return verification_->search(state_, residual_, least, options_.max_iterations);
+             })) {
     state_ = verification_->better();
     residual_ = verification_->better_residual();
     history_.clear();
@@ -325,7 +329,9 @@ Measured Run::verify(Measured measured, bool believed) {
   }
   const bool goes_on = rounds_left_ > 0;
   const auto found =
-      verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
+      timed(summary_.check_s, [&] {
+        return verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
+      });
   next_check_ = fall_between_checks * measured.residual;
   if (!found) {
     verification_->forget_rounding();  // it was that of a state far from an answer
@@ -375,7 +381,7 @@ void Run::tell(const Iteration& iteration) {
   if (!callback_) {
     return;
   }
-  const Timed timed(callback_s_);
+  const Timed seconds(summary_.callback_s);
   stages_.attempt([&] {
     try {
       callback_(iteration);
@@ -486,13 +492,9 @@ State Run::end_of_march() {
 void Run::propose() { propose(state_.data.cols()); }
 
 void Run::propose(Index most) {
-  const double before = stages_.local_seconds();
-  NewtonOutcome outcome;
-  {
-    const Timed timed(summary_.newton_s);
-    outcome = newton_.propose(at(), most);
-  }
-  summary_.newton_s -= stages_.local_seconds() - before + outcome.flexibility_s;
+  const NewtonOutcome outcome =
+      timed(summary_.newton_s, [&] { return newton_.propose(at(), most); });
+  summary_.newton_s -= outcome.flexibility_s;
   summary_.flexibility_s += outcome.flexibility_s;
   newton_stages_ += static_cast<Index>(std::ceil(outcome.stages));
   summary_.newton_steps += outcome.steps;
@@ -546,8 +548,8 @@ void Run::finish(Status status) {
   summary_.restarts = safeguard_.restarts();
   summary_.global_s = stages_.global_seconds();
   summary_.local_s = stages_.local_seconds();
-  summary_.other_s = elapsed() - callback_s_ - summary_.global_s - summary_.local_s -
-                     summary_.newton_s - summary_.flexibility_s;
+  summary_.other_s = elapsed() - summary_.callback_s - summary_.global_s - summary_.local_s -
+                     summary_.newton_s - summary_.flexibility_s - summary_.check_s;
 }
 
 /// What the factors of bodies leave, which no iteration sees: measured where it may decide and can be, else a bound.

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstddef>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "latin/common/types.hpp"
@@ -61,6 +62,20 @@ class Run {
   Measured verify(Measured measured, bool believed);
   [[nodiscard]] bool verifies() const;
   void advance(const Measured& measured);
+  /// Seconds of some work added to a sum, but for those that are counted elsewhere.
+  template <typename Work>
+  auto timed(double& sum, Work&& work) {
+    const auto counted = [this] {
+      return stages_.global_seconds() + stages_.local_seconds() + summary_.callback_s;
+    };
+    const double before = counted();
+    auto result = [&] {
+      const Timed all(sum);
+      return std::forward<Work>(work)();
+    }();
+    sum -= counted() - before;
+    return result;
+  }
   void propose();
   void propose(Index most);
   bool follow(const Measured& measured);
@@ -92,7 +107,6 @@ class Run {
   double next_check_ = 0.0;  ///< residual below which the next check is worth its price
   Summary summary_;
   Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
-  double callback_s_ = 0.0;
   bool interrupted_ = false;        ///< on this rank
   bool first_round_ = false;        ///< whether the next one is the first of these:
   int rounds_left_ = 0;             ///< in which all columns may be solved for at once

@@ -66,6 +66,8 @@ struct Summary {
   double local_s = 0.0;
   double flexibility_s = 0.0;  ///< the dense flexibility of Newton steps, where it was made
   double newton_s = 0.0;       ///< tangents and dense systems of Newton steps
+  double check_s = 0.0;        ///< checks of estimates, and what is solved for at once
+  double callback_s = 0.0;     ///< in the caller's functions
   double other_s = 0.0;        ///< acceleration and error measure
   Index newton_steps = 0;      ///< of single columns
   Index restarts = 0;          ///< times the safeguard dropped the history
