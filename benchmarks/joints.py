@@ -34,6 +34,7 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_matrix
 
 import dolfinx_frontend as lf
+from dolfinx_frontend.common.errors import BalanceError
 
 Array = npt.NDArray[np.float64]
 LONG_S = 60.0
@@ -297,8 +298,8 @@ def pin(draw: Draw) -> Joint:
     joint.scene.substructure("ring", ring, draw.solid(20e3, 210e3), degree=2)
     joint.scene.fix("ring:outer")
     mu = draw.friction()
-    joint.scene.interface("hole", "pin:outer", "ring:inner", lf.Contact(friction=mu))
-    joint.contacts["hole"] = (mu, 0.0, np.nan, 0.0)
+    joint.scene.interface("hole", "pin:outer", "ring:inner", lf.Contact(gap=clearance, friction=mu))
+    joint.contacts["hole"] = (mu, 0.0, clearance, 0.0)
     pressure, turn = float(draw.one(0.5, 10.0)) * draw.mpa, float(rng.uniform(0.0, 0.6))
     for axis, path in enumerate((np.cos(turn * (times - 1.0)), np.sin(turn * (times - 1.0)))):
         traction = np.where(np.arange(2) == axis, -pressure, 0.0)
@@ -340,7 +341,7 @@ def judged(seed: int) -> Verdict:
     options = lf.Options(rtol=1e-8)
     try:
         answer = lf.solve(problem, times=joint.times, options=options, max_seconds=LONG_S, progress=False)
-    except lf.BalanceError as error:
+    except BalanceError as error:
         verdict.word, verdict.status = ("none" if proven(joint, problem, range(len(joint.times))) else "not confirmed"), "refused"
         verdict.why, verdict.seconds = str(error)[:150], process_time() - began
         return verdict
@@ -396,7 +397,7 @@ def broken(joint: Joint, problem: lf.Problem, answer: Any, count: int) -> str:
         law = joint.contacts[name]
         shape = (len(joint.times), interface.num_points, -1)
         force, jump = (np.reshape(each(name), shape)[:count] for each in (answer.force, answer.jump))
-        said = _law(force, jump, interface, law, NOTHING * far)
+        said = _law(force, jump, law, NOTHING * far)
         if said:
             return f"{name}: {said}"
         frames = interface.frames.copy()
@@ -422,13 +423,11 @@ def broken(joint: Joint, problem: lf.Problem, answer: Any, count: int) -> str:
     return ""
 
 
-def _law(
-    force: Array, jump: Array, interface: Any, law: tuple[float, float, float, float], nothing: float
-) -> str:
+def _law(force: Array, jump: Array, law: tuple[float, float, float, float], nothing: float) -> str:
     mu, tau, gap, compliance = law
     normal, shear = force[..., 0], force[..., 1:]
     size = max(float(np.abs(force).max()), np.finfo(float).tiny)
-    opening = jump[..., 0] + (interface.gap if np.isnan(gap) else gap) - compliance * normal
+    opening = jump[..., 0] + gap - compliance * normal
     reach = max(float(np.abs(jump).max()), float(np.abs(opening).max()), nothing)
     if normal.max() > TOLERANCE * size:
         return f"pulls with {normal.max() / size:.1e} of its forces"
