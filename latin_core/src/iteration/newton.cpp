@@ -331,6 +331,19 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
       return false;
     }
     ++steps;
+    if (count == 0 && !predicted && system_.follow_first(skeleton_->loose(step.dm, column.norm))) {
+      // an answer already: of what hangs on nothing any place is one, and this is where springs keep it that are as
+      // weak as rounding lets them be
+      const double held = skeleton_->hold(
+          std::max(last_spring, std::numeric_limits<double>::epsilon() / tolerance));
+      const bool answers =
+          skeleton_->step(tangent, column.phi, imbalance(column), step.dy, step.dm);
+      skeleton_->hold(held);
+      if (!answers) {
+        return true;
+      }
+      ++steps;
+    }
     step.change = skeleton_->moved(step.dy, step.dm);
     const double moves = reach(step.change - own_.cwiseProduct(step.dy));
     const bool flies =

@@ -328,13 +328,15 @@ Measured Run::verify(Measured measured, bool believed) {
     measured = stages_.measure(at(), history_, stop_);
   }
   const bool goes_on = rounds_left_ > 0;
-  const auto found =
-      timed(summary_.check_s, [&] {
-        return verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
-      });
+  const auto found = timed(summary_.check_s, [&] {
+    return verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
+  });
   next_check_ = fall_between_checks * measured.residual;
   if (!found) {
     verification_->forget_rounding();  // it was that of a state far from an answer
+    if (believed && newton_.whole() && verification_->at_rounding()) {
+      return measured;  // what Newton's step says of all that is held
+    }
     // tangents of bodies whose stiffness varies are those of the means, and may lead nowhere
     if (believed && (goes_on || !stages_.laws().scales_anywhere())) {
       const Matrix& away = verification_->distance();

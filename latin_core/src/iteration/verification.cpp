@@ -256,6 +256,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   if (at_most_once && !rounding_decides_) {
     return std::nullopt;
   }
+  at_rounding_ = false;
   for (Index count = 0; count <= most_checks; ++count) {
     borrowed = borrowed && count <= most_borrowed;
     const bool was_borrowed = borrowed;
@@ -272,6 +273,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       first_norm = norm;
       noise = agreed(within_rounding * rounding_share * linear_->nodal(state.data).norm());
     }
+    at_rounding_ = at_rounding_ || (count == 0 && norm <= noise);
     if (norm <= noise) {
       // what is left of light parts is no combination of what is rounding of heavy ones
       history_.clear();

@@ -61,6 +61,9 @@ class Verification {
   [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
                                            const Whole& whole, double rtol,
                                            bool at_most_once = false);
+  /// Whether the iterate of the last check is an equilibrium but for rounding. What its steps move none the less hangs
+  /// on nothing: any place of that is an answer.
+  [[nodiscard]] bool at_rounding() const { return at_rounding_; }
   /// What rounding leaves was measured of a state that is no answer: measure it again.
   void forget_rounding() { linear_->forget_rounding(); }
   /// Look for the answer itself, by steps of the same kind with the bodies held back (pseudo-transient
@@ -109,6 +112,7 @@ class Verification {
       0.0;           ///< bound of errors in energy, see Coupled::correct(); 0: not known
   Vector energies_;  ///< of the coupled solution so far
   int rounds_ = 0;   ///< of it
+  bool at_rounding_ = false;
   bool rounding_decides_ =
       false;  ///< whether an iterate is an answer: nothing else keeps it from that
 };
