@@ -306,8 +306,8 @@ class HistoryResult(Result):
     def dissipation(self, interface: str) -> Array:
         """Work that friction has turned to heat since the beginning, (T,), force * length.
 
-        Integral of f_t . dj_t with the force at the end of each step, where the law holds: exact for as
-        long as the slip of a step keeps its direction.
+        Integral of f_t . ds over the slip s (without what is elastic of it) with the force at the end of each
+        step, where the law holds: exact for as long as the slip of a step keeps its direction.
 
         Raises
         ------
@@ -315,12 +315,15 @@ class HistoryResult(Result):
             The interface has no friction.
         """
         force, jump = self._local(interface)
-        law = self.problem.interfaces[interface].law
+        points = self.problem.interfaces[interface]
+        law = points.law
         if not law.rubs:
             raise SceneError(
                 f"interface {interface!r}: {law.title} has no friction; work() is for every law"
             )
-        return self._along(interface, force[..., 1:], jump[..., 1:])
+        fields = [law.at(t).fields(points, t).parameters for t in self.times]
+        elastic = np.array([each.get("tangential_compliance", np.zeros((1, 1))) for each in fields])
+        return self._along(interface, force[..., 1:], jump[..., 1:] - elastic * force[..., 1:])
 
     def _along(self, interface: str, force: Array, jump: Array) -> Array:
         weights = self.problem.interfaces[interface].weights

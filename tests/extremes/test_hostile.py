@@ -80,7 +80,7 @@ def attempt(call: Callable[[], Any], *values: Any) -> Any:
 LAWS = {
     "Perfect": ("jump",),
     "Elastic": ("normal", "tangential", "jump"),
-    "Contact": ("gap", "friction", "threshold", "stiffness", "jump"),
+    "Contact": ("gap", "friction", "threshold", "stiffness", "tangential_stiffness", "jump"),
     "Debonding": ("normal", "tangential", "strength", "opening", "energy", "jump"),
     "Preload": ("force", "until", "during"),
     "Displacement": ("value", "components"),

@@ -608,9 +608,11 @@ def test_mistakes_in_records_are_named() -> None:
         Preload(force=1.0, until="later")  # type: ignore[arg-type]
     with pytest.raises(SceneError, match="force = nan"):
         Preload(force=float("nan"))
-    for name in ("friction", "threshold", "stiffness"):
+    for name in ("friction", "threshold", "stiffness", "tangential_stiffness"):
         with pytest.raises(SceneError, match=f"{name} = -0.1 is negative"):
             Contact(**{name: -0.1})
+    with pytest.raises(SceneError, match="tangential_stiffness = 100 without friction.*friction="):
+        Contact(tangential_stiffness=100.0)
 
 
 @pytest.mark.parametrize("far", [1.0, 1e4, 1e8, 1e12])

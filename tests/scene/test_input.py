@@ -15,7 +15,11 @@ pytestmark = pytest.mark.sanitize
 
 LAWS: dict[str, tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
     "Elastic": (lf.Elastic, {"normal": 1.0}, ("normal", "tangential", "jump")),
-    "Contact": (lf.Contact, {}, ("gap", "friction", "threshold", "stiffness", "jump")),
+    "Contact": (
+        lf.Contact,
+        {},
+        ("gap", "friction", "threshold", "stiffness", "tangential_stiffness", "jump"),
+    ),
     "Debonding": (
         lf.Debonding,
         {"normal": 1.0, "strength": 1.0, "opening": 1.0},

@@ -186,6 +186,7 @@ LAWS = (
     lf.Elastic(tangential=2.0, jump=-0.1),
     lf.Contact(),
     lf.Contact(friction=0.2),
+    lf.Contact(friction=0.2, stiffness=3.0, tangential_stiffness=2.0),
     lf.Debonding(normal=2.0, strength=1.0, opening=3.0),
     lf.Preload(force=1.0),
     lf.UserLaw(force=stiffening, values={"stiffness": 1.0}),
@@ -213,7 +214,8 @@ def test_a_record_agrees_with_itself(law: lf.Law, points: lf.Interface) -> None:
     assert (law.prescribes == "jump") == (fields.kind == "perfect")
     assert (law.prescribes == "force") == (fields.kind == "force")
     assert law.springs == (fields.kind == "elastic") == bool(law.spans)
-    assert set(law.loading) <= set(law.parameters()) and set(law.inverse) <= {"stiffness"}
+    assert set(law.loading) <= set(law.parameters())
+    assert set(law.inverse) <= {"stiffness", "tangential_stiffness"}
     names = {law.kernel_name(name) for name in law.parameters()}
     assert names <= set(fields.parameters)
     assert law.held_rows(points).shape[::2] == (m, d)

@@ -102,6 +102,9 @@ SCENES: dict[str, Build] = {
     "perfect on other meshes": _joint(lambda a, f: lf.Perfect(), matching=False),
     "contact": _joint(lambda a, f: lf.Contact()),
     "friction": _joint(lambda a, f: lf.Contact(friction=0.2)),
+    "elastic slip": _joint(
+        lambda a, f: lf.Contact(friction=0.2, stiffness=1e3 * f / a**3, tangential_stiffness=300.0 * f / a**3)
+    ),
     "bond": _joint(
         lambda a, f: lf.Debonding(
             normal=1e3 * f / a**3, tangential=300.0 * f / a**3, strength=200.0 * f / a**2, opening=a

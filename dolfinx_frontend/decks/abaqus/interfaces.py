@@ -352,7 +352,8 @@ class Joints:
         if tied:
             return Elastic(normal=stiffness, tangential=stick or stiffness)
         inside = gap is None and apart.least < -_TOUCHING * apart.extent
-        return Contact(gap=gap, friction=friction, stiffness=stiffness, interference=inside)
+        slope = {} if friction is None else {"tangential_stiffness": stick}
+        return Contact(gap=gap, friction=friction, stiffness=stiffness, interference=inside, **slope)
 
     def _behavior(self, interaction: Interaction) -> tuple[float | None, bool]:
         """Contact stiffness (None: rigid), and whether faces are tied by it."""
@@ -398,8 +399,8 @@ class Joints:
         if mu < 0.0:
             raise card.error(f"the coefficient {mu:g} is negative; it is >= 0", card.rows[0].where)
         stick = card.number(card.rows[0], 1, "stick slope", 0.0) or None
-        if stick:
-            self.model.note("changed", card, f"stick slope {stick:g}: sticking points do not move")
+        if stick is not None and stick < 0.0:
+            raise card.error(f"the stick slope {stick:g} is negative; it is > 0", card.rows[0].where)
         if len(card.rows) > 1:
             self.model.note("refused", card, "friction that depends on anything; give one coefficient")
         return mu or None, stick

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Fields, Law, Points, positive, resolve
@@ -32,7 +33,8 @@ class Contact(Law):
     """Unilateral contact, with or without dry friction; one-sided: against rigid ground.
 
     With the opening g = j_n - Delta_n + g0: f_n <= 0, g >= 0, f_n g = 0. With friction the tangential
-    force is bounded, |f_t| <= mu |f_n| + tau, and slips along its own direction at the bound.
+    force is bounded, |f_t| <= mu |f_n| + tau, and slips along its own direction at the bound; below it what
+    sticks moves by the elastic slip f_t / k_t, which comes back when it is unloaded.
 
     Parameters
     ----------
@@ -45,6 +47,8 @@ class Contact(Law):
         None: none.
     stiffness
         Normal stiffness per area in compression, force / length^3. None: rigid.
+    tangential_stiffness
+        k_t per area of what sticks (stick slope), force / length^3, with friction. None: rigid.
     jump
         Delta, length: a number is the component along n, d components are in the local frame. A bolt
         that was shortened by 0.2 mm has jump = -0.2.
@@ -56,22 +60,28 @@ class Contact(Law):
     friction: Any = None
     threshold: Any = None
     stiffness: Any = None
+    tangential_stiffness: Any = None
     jump: Any = 0.0
     interference: bool = False
     unilateral: ClassVar[bool] = True
-    kernel_names: ClassVar[Mapping[str, str]] = ReadOnlyDict({"stiffness": "compliance"})
-    inverse: ClassVar[tuple[str, ...]] = ("stiffness",)
-    not_negative: ClassVar[tuple[str, ...]] = ("friction", "threshold", "stiffness")
+    kernel_names: ClassVar[Mapping[str, str]] = ReadOnlyDict(
+        {"stiffness": "compliance", "tangential_stiffness": "tangential_compliance"}
+    )
+    inverse: ClassVar[tuple[str, ...]] = ("stiffness", "tangential_stiffness")
+    not_negative: ClassVar[tuple[str, ...]] = ("friction", "threshold", *inverse)
     search_direction: ClassVar[Literal["parts", "patch", "springs"]] = "patch"
     drawn: ClassVar[str] = "contact"
 
     def validate(self) -> None:
         if self.gap is not None:
             self.check_value("gap", self.gap)
-        for name in ("friction", "threshold", "stiffness"):
-            value = getattr(self, name)
-            if value is not None:
-                self.check_value(name, value, 0.0, f"{name} is >= 0 and finite")
+        for name, value in self.given(*self.not_negative).items():
+            self.check_value(name, value, 0.0, f"{name} is >= 0 and finite")
+        if self.tangential_stiffness is not None and not self.given("friction", "threshold"):
+            raise SceneError(
+                f"Contact: tangential_stiffness = {short(self.tangential_stiffness)} without friction holds "
+                "nothing; give friction="
+            )
         self.check_value("jump", self.jump)
 
     @property
@@ -88,7 +98,10 @@ class Contact(Law):
         return not is_zero(self.jump)
 
     def parameters(self) -> dict[str, Any]:
-        return self.given("gap", "friction", "threshold", "stiffness", "jump")
+        return self.given("gap", "friction", "threshold", "stiffness", "tangential_stiffness", "jump")
+
+    def matters(self, parameter: str) -> bool:
+        return parameter != "tangential_stiffness" or self.rubs
 
     def count(self, dim: int) -> int:
         return dim if self.rubs else 1
@@ -99,8 +112,10 @@ class Contact(Law):
     def fields(self, points: Points, time: float | None = None) -> Fields:
         nothing = np.zeros((points.num_points, 1))
         parameters = {"gap": self._gap(points), "compliance": nothing}
-        if self.stiffness is not None:
-            parameters["compliance"] = np.reciprocal(positive(points, self.stiffness, "contact stiffness"))
+        for name, value in self.given(*self.inverse).items():
+            if self.matters(name):
+                kappa = positive(points, value, f"contact {name}")
+                parameters[self.kernel_name(name)] = np.reciprocal(kappa)
         for name in ("friction", "threshold") if self.rubs else ():
             value = getattr(self, name)
             values = nothing if value is None else resolve(value, points, 1, name=name)
