@@ -14,7 +14,7 @@ from latin_core import STATUSES, Laws, State, SweepPoints, SweptParameter
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.solver import Solver
@@ -117,6 +117,11 @@ class PointResults(Face):
         return self._contact_at(name, slice(None))
 
     @property
+    def reached(self) -> Flags:
+        """(N,): the points that were come to before the run ended."""
+        return np.asarray(self.points.iterations) >= 0
+
+    @property
     def unsolved(self) -> tuple[str, ...]:
         """How many points ended otherwise than converged, and which, a sentence for each way."""
         return unsolved([str(each) for each in self.statuses.ravel()])
@@ -148,7 +153,8 @@ class PointResults(Face):
         """Force and jump (n, [T,] m, components) of an active interface at some of the points."""
         interface = self.problem.here(name)
         if name not in self.points.forces:
-            raise SceneError(f"interface {name!r}: force and jump were not kept: sweep with keep_fields=True")
+            why = "force and jump were not kept: sweep with keep_fields=True"
+            raise SceneError(f"interface {name!r}: {why if self.reached.any() else 'no point was reached'}")
         forces, jumps = self.points.forces[name], self.points.jumps[name]
         return _shaped(self.plan, interface, forces[part]), _shaped(self.plan, interface, jumps[part])
 

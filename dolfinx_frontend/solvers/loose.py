@@ -39,6 +39,8 @@ def check_bolts(answer: Result | PointResults, what: str = "", told: Collection[
         by what was tightened or loaded afterwards.
     """
     problem, times, named = answer.problem, answer.plan.times, []
+    if isinstance(answer, PointResults) and not answer.reached.any():
+        return []
     for name, interface in problem.own.interfaces.items():
         law = interface.law
         if not law.may_loosen or name in told or not problem.speaks_for(name):

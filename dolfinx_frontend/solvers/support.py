@@ -708,7 +708,7 @@ def named_without_equilibrium(
         lost |= _unbalanced(answer, at if acting else None)
     status = np.array(points.status, dtype="<U16")
     for k, why in sorted({**lost, **_free_points(parameters, at)}.items()):
-        if points.iterations[k] >= 0:
+        if answer.reached[k]:
             status[k] = NO_EQUILIBRIUM if k in lost else _of_free(at(k), answer.plan.times)
             if answer.problem.rank == 0:
                 _log.warning("%s %d: %s", what, k, why)
@@ -778,7 +778,8 @@ def _is_zero(pattern: Array, values: Array) -> Flags:
 
 
 def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> dict[int, str]:
-    """Points at which no admissible forces of the interfaces balance the loads -> why; collective.
+    """Points that were reached at which no admissible forces of the interfaces balance the loads -> why;
+    collective.
 
     Parameters
     ----------
@@ -787,7 +788,8 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
     """
     problem, times = answer.problem, answer.plan.times
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
-    checks = _checks(problem, contacts, _steps(problem, times)) if contacts else {}
+    asked = np.flatnonzero(answer.reached).tolist()
+    checks = _checks(problem, contacts, _steps(problem, times)) if contacts and asked else {}
     if not checks:
         return {}
     count = len(answer.points.status)
@@ -801,11 +803,11 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
             limits = None if contact is None else contact.limits
             own_limits[name] = (nothing, nothing) if limits is None else limits
     forces, bounds = problem.gather(own_forces), problem.gather(own_limits)
-    loads: list[dict[int, tuple[Array, float]]] = []
+    loads: dict[int, dict[int, tuple[Array, float]]] = {}
     if at is not None:
-        for point in range(count):
+        for point in asked:
             now = _steps(at(point), times)
-            loads.append({k: _loads(now[k][2], each.motions, now[k][1]) for k, each in checks.items()})
+            loads[point] = {k: _loads(now[k][2], each.motions, now[k][1]) for k, each in checks.items()}
 
     def check(point: int) -> str:
         for k, each in sorted(checks.items()):
@@ -823,7 +825,7 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
                 return why
         return ""
 
-    return _decide(problem, lambda: {k: why for k in range(count) if (why := check(k))})
+    return _decide(problem, lambda: {k: why for k in asked if (why := check(k))})
 
 
 def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:
