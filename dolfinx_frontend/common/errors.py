@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from types import FrameType
 from typing import Any
 
-__all__ = ["BalanceError", "SceneError", "SceneWarning", "unknown_name", "warn"]
+__all__ = ["BalanceError", "MemoryLimitError", "SceneError", "SceneWarning", "unknown_name", "warn"]
 
 _NOT_THE_USER = ("dolfinx_frontend", "latin_core", "contextlib", "functools")
 
@@ -31,6 +31,15 @@ class BalanceError(SceneError):
 
     step: int = 0
     answer: Any = None
+
+
+class MemoryLimitError(SceneError, MemoryError):
+    """What was asked for takes more memory than there is."""
+
+    @classmethod
+    def of(cls, message: str, cause: Exception) -> SceneError:
+        """A SceneError with this message, of this kind if its cause is the memory."""
+        return cls(message) if isinstance(cause, MemoryError) else SceneError(message)
 
 
 class SceneWarning(UserWarning):

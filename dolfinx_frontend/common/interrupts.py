@@ -8,14 +8,23 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from time import monotonic
 from types import FrameType, TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-__all__ = ["Interrupt", "Interrupted", "keep_broken_pipes", "late", "pressed", "stop_if_pressed"]
+__all__ = [
+    "Interrupt",
+    "Interrupted",
+    "as_interrupt",
+    "keep_broken_pipes",
+    "late",
+    "pressed",
+    "stop_if_pressed",
+]
 
 TWICE = 2.0
 """Seconds within which a second Ctrl-C raises, in whatever call it comes."""
@@ -31,6 +40,25 @@ def keep_broken_pipes() -> None:
     before = signal.getsignal(signal.SIGPIPE)  # Python's, which does not know of PETSc's
     if before is not None and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGPIPE, before)
+
+
+@contextmanager
+def as_interrupt(number: signal.Signals) -> Iterator[None]:
+    """A signal is as Ctrl-C meanwhile."""
+
+    def press(_: int, frame: FrameType | None) -> None:
+        handler = signal.getsignal(signal.SIGINT)
+        # where Ctrl-C is ignored, as in the background of a shell, this is not
+        (handler if callable(handler) else signal.default_int_handler)(signal.SIGINT, frame)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(number, press)
+    try:
+        yield
+    finally:
+        signal.signal(number, signal.SIG_DFL if before is None else before)
 
 
 class Interrupted(KeyboardInterrupt):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 import traceback
 import warnings
@@ -11,11 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from latin_core import InputError, NumericalError, __version__
+from latin_core import __version__
 
 from dolfinx_frontend.assembly.assemble import assemble
-from dolfinx_frontend.common.errors import BalanceError, SceneError
 from dolfinx_frontend.common.files import Files, write_text
+from dolfinx_frontend.common.interrupts import as_interrupt
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.decks.proposing import proposed
 from dolfinx_frontend.decks.reading import READERS, read_deck
@@ -27,7 +28,9 @@ from dolfinx_frontend.decks.running import (
     LIMIT,
     NUMBERS,
     RESULT,
+    code_of_error,
     run_deck,
+    sentence,
 )
 from dolfinx_frontend.decks.schema import json_schema
 from dolfinx_frontend.decks.settings import Deck
@@ -103,24 +106,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _warned
-            return do[given.verb](given)
-    except KeyboardInterrupt:
-        return _failed(given, "interrupted", INTERRUPTED)
-    except BalanceError as error:
-        return _failed(given, str(error), BALANCE)
-    except (SceneError, InputError) as error:
-        return _failed(given, str(error), INPUT)
-    except NumericalError as error:
-        return _failed(given, str(error), NUMBERS)
-    except MemoryError as error:
-        return _failed(given, f"out of memory {error}".rstrip(), LIMIT)
+            with as_interrupt(signal.SIGTERM):
+                return do[given.verb](given)
     except BrokenPipeError:
         return DONE
-    except (OSError, UnicodeError) as error:
-        return _failed(given, str(error), INPUT)
-    except Exception as error:  # a defect: one sentence for a machine, all of it with --debug
-        text = f"{type(error).__name__}: {error}; this is a defect: please report it with the deck (--debug)"
-        return _failed(given, text, NUMBERS)
+    except (KeyboardInterrupt, Exception) as error:
+        return _failed(given, sentence(error), code_of_error(error))
 
 
 def _warned(message: Warning | str, *others: Any, **named: Any) -> None:
@@ -183,8 +174,7 @@ def _run(given: argparse.Namespace) -> int:
             deck.way, deck.options  # noqa: B018
             run = run_deck(deck, folder, life)
     except BaseException as error:
-        code = INTERRUPTED if isinstance(error, KeyboardInterrupt) else INPUT
-        record |= {"exit_code": code, "status": None, "message": _line(str(error)) or "interrupted"}
+        record |= {"exit_code": code_of_error(error), "status": None, "message": _line(sentence(error))}
         write_text(folder / RESULT, json.dumps(record) + "\n")
         raise
     print(json.dumps(run.record, indent=1) if given.json else shown(run.record))

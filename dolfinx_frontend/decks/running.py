@@ -14,7 +14,7 @@ from typing import Any
 
 import dolfinx
 import numpy as np
-from latin_core import NumericalError, __version__
+from latin_core import InputError, NumericalError, __version__
 
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.common.errors import BalanceError, SceneError
@@ -29,7 +29,9 @@ __all__ = [
     *("BALANCE", "DONE", "INPUT", "INTERRUPTED", "LIMIT", "NUMBERS", "RESULT"),
     "Run",
     "code_of",
+    "code_of_error",
     "run_deck",
+    "sentence",
 ]
 
 DONE, INPUT, BALANCE, NUMBERS, LIMIT, INTERRUPTED = 0, 2, 3, 4, 5, 130
@@ -45,6 +47,13 @@ _CODES = {
     SLIDES: BALANCE, NO_EQUILIBRIUM: BALANCE, "time_limit": LIMIT, "interrupted": INTERRUPTED,
 }
 _ORDER = (DONE, NUMBERS, BALANCE, LIMIT, INTERRUPTED)
+_KNOWN = (SceneError, InputError, NumericalError, OSError, UnicodeError)
+"""Errors whose words are for users."""
+_ERRORS: dict[type[BaseException], int] = {
+    KeyboardInterrupt: INTERRUPTED, MemoryError: LIMIT, BalanceError: BALANCE,
+    SceneError: INPUT, InputError: INPUT, OSError: INPUT, UnicodeError: INPUT,
+}
+"""Exit codes of errors, the first that fits; of others, defects among them, NUMBERS."""
 
 
 def code_of(statuses: Sequence[str], reached: bool = True, out_of_time: bool = False) -> int:
@@ -53,6 +62,23 @@ def code_of(statuses: Sequence[str], reached: bool = True, out_of_time: bool = F
     if out_of_time:
         found = {LIMIT if code == INTERRUPTED else code for code in found} | {LIMIT}
     return max(found, key=_ORDER.index)
+
+
+def code_of_error(error: BaseException) -> int:
+    """The exit code of what a run ended with."""
+    return next((code for kind, code in _ERRORS.items() if isinstance(error, kind)), NUMBERS)
+
+
+def sentence(error: BaseException) -> str:
+    """What a run ended with, in a sentence."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted before there was an answer"
+    if isinstance(error, _KNOWN):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"out of memory: {str(error) or 'take fewer cells or samples'}"
+    # a defect: one sentence for a machine, all of it with --debug
+    return f"{type(error).__name__}: {error}; this is a defect: please report it with the deck (--debug)"
 
 
 @dataclass
@@ -87,16 +113,8 @@ def run_deck(deck: Deck, folder: Path | None, phase: Callable[[str], None]) -> R
             run.answer = _answer(deck, folder, phase)
             phase("results")
             _judge(run, deck)
-        except BalanceError as error:
-            run.code, run.message = BALANCE, str(error)
-        except SceneError as error:
-            run.code, run.message = INPUT, str(error)
-        except NumericalError as error:
-            run.code, run.message = NUMBERS, str(error)
-        except MemoryError as error:
-            run.code, run.message = LIMIT, f"out of memory: {error or 'take fewer cells or samples'}"
-        except KeyboardInterrupt:
-            run.code, run.message = INTERRUPTED, "interrupted before there was an answer"
+        except (*_KNOWN, MemoryError, KeyboardInterrupt) as error:
+            run.code, run.message = code_of_error(error), sentence(error)
     said = dict.fromkeys(str(each.message) for each in caught if issubclass(each.category, UserWarning))
     run.record = _record(deck, run, tuple(said), time.monotonic() - began)
     if folder is not None:

@@ -28,7 +28,7 @@ from dolfinx_frontend.common.checks import (
     checked_numbers,
 )
 from dolfinx_frontend.common.describe import record, short
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import MemoryLimitError, SceneError
 from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.plan.coarse import Moments
@@ -431,7 +431,7 @@ def plan_of_random(where: str, random: RandomLaws, given: Plan | None, way: Way,
     price = plan.price
     if price is not None and price.memory > _SURE * free and plan.options.backend != "multigrid":
         what = f"{way.modes} modes" if way.modes else f"{way.points} points"
-        raise SceneError(
+        raise MemoryLimitError(
             f"{where}: {what} need about {shown(price.memory, 'B')}, and {shown(free, 'B')} are free: take "
             "fewer of them; compare_ways(problem) says what fits"
         )
@@ -670,7 +670,7 @@ def _backend(
         text += f", multigrid about {shown(by_cycles, 'B')}"
     text += f", and {shown(free, 'B')} are free{where}"
     if direct > _SURE * free and problem.distribution is None:
-        raise SceneError(f"plan: {text}: {_what_would_do(problem, kept, cost, suits, free)}")
+        raise MemoryLimitError(f"plan: {text}: {_what_would_do(problem, kept, cost, suits, free)}")
     return options, [Decision("memory", "factors may not fit", text)]
 
 

@@ -18,7 +18,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole, is_list
 from dolfinx_frontend.common.deferred import linalg, sp, special, stats
 from dolfinx_frontend.common.describe import short
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import MemoryLimitError, SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -253,7 +253,7 @@ class RandomSpace:
             )
             return ChaosBasis(self.germs, indices)
         except (ValueError, RuntimeError) as error:
-            raise SceneError(f"{chaos} on {self!r}: {error}") from error
+            raise MemoryLimitError.of(f"{chaos} on {self!r}: {error}", error) from error
 
     def _own_basis(
         self, chaos: Chaos, caps: Sequence[int], rows: int, limit: float
@@ -269,7 +269,7 @@ class RandomSpace:
         if np.any(table > caps):
             raise SceneError(f"Chaos: an index beyond the degrees {list(caps)} that the germs have")
         if limit and 8.0 * rows * len(table) > limit:
-            raise SceneError(
+            raise MemoryLimitError(
                 f"{len(table)} modes need {8e-9 * rows * len(table):.3g} GB, more than the limit"
             )
         try:
@@ -418,7 +418,7 @@ class RandomSpace:
                 memory_limit=_machine_memory() if memory_limit is None else memory_limit,
             )
         except ValueError as error:
-            raise SceneError(f"the chaos of {source.name!r}: {error}") from error
+            raise MemoryLimitError.of(f"the chaos of {source.name!r}: {error}", error) from error
         return Expansion(self.coefficients_at(source, indices.table), indices)
 
     def galerkin_matrix(self, source: Source, basis: ChaosBasis, row: int = 0) -> Any:

@@ -57,6 +57,15 @@ PYBIND11_MODULE(_core, m) {
       "What was given cannot be used; the message names it, its value and the remedy.";
   py::register_exception<latin::NumericalError>(m, "NumericalError", PyExc_RuntimeError).doc() =
       "An operation could not be completed: a factorisation broke down, memory ran out.";
+  // what is registered last is asked first
+  const auto of_memory = [&m](const char* base) {
+    return py::make_tuple(m.attr(base), py::handle(PyExc_MemoryError));
+  };
+  py::register_exception<latin::MemoryLimitError>(m, "MemoryLimitError", of_memory("InputError"))
+      .doc() = "What was asked for takes more memory than it may.";
+  py::register_exception<latin::OutOfMemoryError>(m, "OutOfMemoryError",
+                                                  of_memory("NumericalError"))
+      .doc() = "The memory for it could not be had.";
   py::register_exception<latin::RemoteError>(m, "RemoteError", PyExc_RuntimeError).doc() =
       "Another rank failed; it says there what happened.";
   bind_laws(m);

@@ -115,7 +115,7 @@ class Answer {
     }
   }
   void outcome(const Outcome& outcome) {
-    writer_.text("run", "status", outcome.status);
+    writer_.text("run", "status", to_string(outcome.status));
     writer_.integer("run", "iterations", outcome.iterations);
     writer_.number("run", "error", outcome.error);
   }
@@ -165,33 +165,44 @@ struct Points {
   std::vector<Gathered::Field>
       parts;  ///< of parts, if they are wanted, (points, columns, unknowns)
   Outcome outcome;
-  Status worst = Status::converged;  ///< of all points
 
   explicit Points(const SweepRequest& request)
       : status(static_cast<std::size_t>(request.points)),
         iterations(static_cast<std::size_t>(request.points), -1),
         error(static_cast<std::size_t>(request.points), std::numeric_limits<double>::quiet_NaN()),
-        outcome{to_string(Status::converged), 0, 0.0, request.points} {}
+        outcome{Status::converged, 0, 0.0, request.points} {}
 
-  /// As what the walk over them ended.
-  void end(Status status) {
-    worst = std::max(worst, status);
-    outcome.status = to_string(worst);
-  }
   void add(Index point, const Summary& summary, const std::vector<Gathered::Field>& of_interfaces,
            const std::vector<Gathered::Field>& of_parts) {
     const auto p = static_cast<std::size_t>(point);
     status[p] = to_string(summary.status);
     iterations[p] = summary.iterations;
     error[p] = known(summary.error);
-    end(summary.status);
+    outcome.status = std::max(outcome.status, summary.status);
     outcome.iterations += summary.iterations;
     outcome.error = error[p] > outcome.error || std::isnan(error[p]) ? error[p] : outcome.error;
     keep(p, of_interfaces, fields);
     keep(p, of_parts, parts);
+    ++finished_;
+  }
+  /// Points that are asked for and were not reached ended as the walk did.
+  void leave(const std::vector<Index>& order, Status ended) {
+    if (ended == Status::converged) {
+      return;
+    }
+    if (finished_ == 0) {
+      throw iteration::Interrupted();
+    }
+    outcome.status = std::max(outcome.status, ended);
+    for (const Index point : order) {
+      std::string& own = status[static_cast<std::size_t>(point)];
+      own = own.empty() ? to_string(ended) : own;
+    }
   }
 
  private:
+  Index finished_ = 0;
+
   void keep(std::size_t p, const std::vector<Gathered::Field>& found,
             std::vector<Gathered::Field>& into) const {
     if (into.empty()) {
@@ -216,13 +227,15 @@ struct Points {
 
 }  // namespace
 
-Outcome solve_once(const Folder& folder, const std::filesystem::path& target) {
+Outcome solve_once(const Folder& folder, const std::filesystem::path& target, double max_seconds,
+                   const iteration::Callback& watch) {
   const substructure::Laws laws = folder.named([&] { return folder.laws(); });
   const Matrix amplitudes = folder.amplitudes();
-  const iteration::Options options = folder.named([&] { return folder.options(); });
+  iteration::Options options = folder.named([&] { return folder.options(); });
+  options.max_seconds = std::min(options.max_seconds, max_seconds);
   State state;
   const Summary summary =
-      folder.named([&] { return iteration::solve(laws, options, amplitudes, state, {}, {}); });
+      folder.named([&] { return iteration::solve(laws, options, amplitudes, state, {}, watch); });
 
   const Communicator& communicator = folder.communicator();
   Gathered interfaces(communicator);
@@ -232,7 +245,7 @@ Outcome solve_once(const Folder& folder, const std::filesystem::path& target) {
   Gathered errors(communicator);
   errors.add({whole("errors", summary.errors)});
 
-  const Outcome outcome{to_string(summary.status), summary.iterations, known(summary.error), 1};
+  const Outcome outcome{summary.status, summary.iterations, known(summary.error), 1};
   communicator.together([&] {
     if (communicator.rank() != 0) {
       return;
@@ -259,15 +272,18 @@ Outcome solve_once(const Folder& folder, const std::filesystem::path& target) {
 }
 
 Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
-                    const std::filesystem::path& target, bool displacements) {
+                    const std::filesystem::path& target, bool displacements, double max_seconds,
+                    const iteration::Callback& watch) {
   const substructure::Laws laws = folder.named([&] { return folder.laws(); });
   const Matrix amplitudes = folder.amplitudes();
-  const iteration::Options options = folder.named([&] { return folder.options(); });
+  iteration::Options options = folder.named([&] { return folder.options(); });
+  options.max_seconds = std::min(options.max_seconds, max_seconds);
   Points points(request);
   iteration::Beginning beginning;  // as Python has one: the same digits
+  Status ended = Status::converged;
   folder.named([&] {
-    points.end(iteration::sweep(
-        laws, options, amplitudes, request.parameters, request.order, {}, {}, {},
+    ended = iteration::sweep(
+        laws, options, amplitudes, request.parameters, request.order, {}, {}, watch,
         [&](Index point, const substructure::Laws& of_point, const Summary& summary,
             const State& state) {
           std::vector<Gathered::Field> of_parts;
@@ -276,8 +292,9 @@ Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
           }
           points.add(point, summary, interface_fields(of_point, state), of_parts);
         },
-        {}, &beginning));
+        {}, &beginning);
   });
+  points.leave(request.order, ended);
 
   const Communicator& communicator = folder.communicator();
   Gathered interfaces(communicator);

@@ -7,14 +7,18 @@
 #include <array>
 #include <cctype>
 #include <chrono>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
+#include <limits>
 #include <new>
 #include <optional>
 #include <string>
 #include <thread>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "answer.hpp"
@@ -27,23 +31,77 @@ namespace {
 
 constexpr const char* usage =
     R"(usage: [mpirun -n RANKS] latin_run FOLDER [--output FILE] [--sweep INTERFACE.PARAMETER=VALUE,VALUE,...] ...
-                                    [--displacements]
+                                    [--displacements] [--max-seconds S]
 
 Solves the problem that problem.export(FOLDER) wrote, as it was exported: once, a history, a chaos, or a sweep.
 
   --output FILE   where the answer is written, which the frontend reads (load); FOLDER/result.h5 by default
   --sweep AXIS    instead: a grid of values of kernel parameters of interface laws, one option for each axis
   --displacements of a sweep: write the displacements at all points, too
+  --max-seconds S end the iteration then, and write what is known
 
-Exit code 0: converged; 2: the answer is written, but did not converge; 1: an error, which is named.
+Exit codes: 0 converged; 2 wrong input; 3 no equilibrium, or undecided; 4 not converged, or not solved; 5 out of time or memory;
+130 interrupted (SIGINT, SIGTERM: the answer so far is written; a second one ends at once).
 )";
+
+/// As those of the command `latin` (docs/command.md).
+enum Code : int {
+  done = 0,
+  wrong_input = 2,
+  no_balance = 3,
+  not_solved = 4,
+  out_of_limits = 5,
+  ended_by_user = 130
+};
 
 struct Request {
   std::filesystem::path folder;
   std::filesystem::path output;
   std::vector<std::string> axes;
   bool displacements = false;
+  double max_seconds = std::numeric_limits<double>::infinity();
 };
+
+volatile std::sig_atomic_t signalled = 0;
+
+/// SIGINT and SIGTERM are noted once, and asked for at every iteration; the next one ends the process.
+void note_signals() {
+  for (const int number : {SIGINT, SIGTERM}) {
+    struct sigaction before{};
+    struct sigaction ours{};
+    ours.sa_handler = [](int) { signalled = 1; };
+    ours.sa_flags = static_cast<int>(SA_RESETHAND | SA_RESTART);
+    sigaction(number, nullptr, &before);
+    if (before.sa_handler != SIG_IGN) {
+      sigaction(number, &ours, nullptr);
+    }
+  }
+}
+
+double seconds_since(std::chrono::steady_clock::time_point began) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+}
+
+Code code_of(latin::iteration::Status status) {
+  using latin::iteration::Status;
+  switch (status) {
+    case Status::converged:
+    case Status::undetermined:
+      return done;
+    case Status::inexact:
+    case Status::max_iterations:
+      return not_solved;
+    case Status::undecided:
+    case Status::slides:
+    case Status::no_equilibrium:
+      return no_balance;
+    case Status::time_limit:
+      return out_of_limits;
+    case Status::interrupted:
+      return ended_by_user;
+  }
+  return not_solved;
+}
 
 /// The file that a link leads to: a link that is named stays one.
 /// @throws InputError if it leads nowhere
@@ -68,6 +126,16 @@ std::string one_line(std::string text) {
   return text;
 }
 
+/// @throws InputError
+double seconds_of(const std::string& text) {
+  char* end = nullptr;
+  const double seconds = std::strtod(text.c_str(), &end);
+  if (text.empty() || *end != '\0' || !(seconds > 0.0)) {
+    throw latin::InputError("--max-seconds '" + text + "': give a number > 0");
+  }
+  return seconds;
+}
+
 /// @return nothing if help is wanted  @throws InputError
 std::optional<Request> request_of(const std::vector<std::string>& arguments) {
   Request request;
@@ -76,13 +144,15 @@ std::optional<Request> request_of(const std::vector<std::string>& arguments) {
     if (each == "-h" || each == "--help") {
       return std::nullopt;
     }
-    if (each == "--output" || each == "--sweep") {
+    if (each == "--output" || each == "--sweep" || each == "--max-seconds") {
       if (i + 1 == arguments.size()) {
         throw latin::InputError(each + ": a value is wanted behind it");
       }
       ++i;
       if (each == "--output") {
         request.output = arguments[i];
+      } else if (each == "--max-seconds") {
+        request.max_seconds = seconds_of(arguments[i]);
       } else {
         request.axes.push_back(arguments[i]);
       }
@@ -109,15 +179,20 @@ std::optional<Request> request_of(const std::vector<std::string>& arguments) {
   return request;
 }
 
-int run(const std::vector<std::string>& arguments, const latin::Communicator& communicator) {
+Code run(const std::vector<std::string>& arguments, const latin::Communicator& communicator) {
+  const auto began = std::chrono::steady_clock::now();
   const auto request = request_of(arguments);
   if (!request) {
     if (communicator.rank() == 0) {
       std::fputs(usage, stdout);
     }
-    return 0;
+    return done;
   }
-  const auto began = std::chrono::steady_clock::now();
+  const auto watch = [](const latin::iteration::Iteration&) {
+    if (signalled != 0) {
+      throw latin::iteration::Interrupted();
+    }
+  };
   if (!communicator.alone()) {
     latin::bound_threads(communicator);
   }
@@ -128,21 +203,54 @@ int run(const std::vector<std::string>& arguments, const latin::Communicator& co
     }
   });
   const bool sweeps = !request->axes.empty() || folder.has_sweep();
+  const double seconds = std::max(request->max_seconds - seconds_since(began), 0.0);
   const latin::program::Outcome outcome =
-      !sweeps ? latin::program::solve_once(folder, request->output)
+      !sweeps ? latin::program::solve_once(folder, request->output, seconds, watch)
               : latin::program::solve_sweep(
                     folder,
                     request->axes.empty() ? folder.sweep() : latin::program::grid(request->axes),
-                    request->output, request->displacements);
+                    request->output, request->displacements, seconds, watch);
   if (communicator.rank() == 0) {
-    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - began;
     const std::string points =
         sweeps ? " at " + std::to_string(outcome.points) + " points" : std::string();
     std::printf("%s after %td iterations%s, estimated error %.2g, %.2f s: %s\n",
-                outcome.status.c_str(), outcome.iterations, points.c_str(), outcome.error,
-                spent.count(), request->output.c_str());
+                to_string(outcome.status).c_str(), outcome.iterations, points.c_str(),
+                outcome.error, seconds_since(began), request->output.c_str());
   }
-  return outcome.status == "converged" ? 0 : 2;
+  return code_of(outcome.status);
+}
+
+/// Code and sentence of what a run threw.
+std::pair<Code, std::string> failure_of(const std::exception_ptr& thrown) {
+  try {
+    std::rethrow_exception(thrown);
+  } catch (const std::bad_alloc&) {
+    return {out_of_limits,
+            "there is not enough memory: run it on more ranks, or make the problem smaller"};
+  } catch (const latin::iteration::Interrupted&) {
+    return signalled != 0
+               ? std::pair{ended_by_user, std::string("interrupted before there was an answer")}
+               : std::pair{out_of_limits,
+                           std::string("the time was over before there was an answer")};
+  } catch (const latin::RemoteError& error) {
+    return {done, error.what()};  // the rank that failed knows
+  } catch (const latin::MemoryLimitError& error) {
+    return {out_of_limits, error.what()};
+  } catch (const latin::OutOfMemoryError& error) {
+    return {out_of_limits, error.what()};
+  } catch (const latin::InputError& error) {
+    return {wrong_input, error.what()};
+  } catch (const std::filesystem::filesystem_error& error) {
+    return {wrong_input, error.what()};
+  } catch (const std::exception& error) {
+    return {not_solved, error.what()};
+  }
+}
+
+/// The same code on all ranks, the largest.
+int agreed(int code, MPI_Comm own) {
+  latin::check_mpi(MPI_Allreduce(MPI_IN_PLACE, &code, 1, MPI_INT, MPI_MAX, own), "MPI_Allreduce");
+  return code;
 }
 
 /// The options are this program's, and none of PETSc's: those of a file in the current folder may load a library.
@@ -178,9 +286,10 @@ bool all_end(MPI_Comm own, bool failed) {
 int main(int argc, char** argv) {
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   if (initialise_petsc() != PETSC_SUCCESS) {
-    return 1;
+    return not_solved;
   }
-  int code = 1;
+  note_signals();
+  int code = not_solved;
   {
     const latin::Communicator communicator(PETSC_COMM_WORLD);
     MPI_Comm own =
@@ -189,10 +298,9 @@ int main(int argc, char** argv) {
     try {
       latin::check_mpi(MPI_Comm_dup(PETSC_COMM_WORLD, &own), "MPI_Comm_dup");
       code = run(arguments, communicator);
-    } catch (const std::bad_alloc&) {
-      failure = "there is not enough memory: run it on more ranks, or make the problem smaller";
-    } catch (const std::exception& error) {
-      failure = one_line(error.what());
+    } catch (...) {
+      std::tie(code, failure) = failure_of(std::current_exception());
+      failure = one_line(failure);
     }
     // what fails, fails on all ranks, and the first says what it was
     const bool known = all_end(own, !failure.empty());
@@ -200,9 +308,10 @@ int main(int argc, char** argv) {
       std::fprintf(stderr, "latin_run: %s\n", failure.c_str());
     }
     if (!known) {
-      MPI_Abort(PETSC_COMM_WORLD, 1);
+      MPI_Abort(PETSC_COMM_WORLD, code == done ? not_solved : code);
     }
+    code = agreed(code, own);
     MPI_Comm_free(&own);
   }
-  return PetscFinalize() == PETSC_SUCCESS ? code : 1;
+  return PetscFinalize() == PETSC_SUCCESS ? code : not_solved;
 }

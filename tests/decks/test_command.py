@@ -5,20 +5,23 @@ from __future__ import annotations
 import json
 import random
 import re
+import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
+import latin_core
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 import dolfinx_frontend as lf
+from dolfinx_frontend.common.errors import BalanceError, MemoryLimitError
 from dolfinx_frontend.decks.command import main
 from dolfinx_frontend.decks.lines import DeckError
-from dolfinx_frontend.decks.running import code_of
+from dolfinx_frontend.decks.running import code_of, code_of_error
 from tests.decks.decks import STEEL, Brick
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -180,6 +183,48 @@ def test_exit_codes_by_faults(deck: Path, capsys: pytest.CaptureFixture[str]) ->
         assert record["exit_code"] == code and record["message"]
 
 
+def test_exit_codes_of_errors() -> None:
+    codes = {
+        lf.SceneError("x"): 2, lf.io.FileError("x"): 2, OSError("x"): 2, latin_core.InputError("x"): 2,
+        BalanceError("x"): 3, latin_core.NumericalError("x"): 4, AttributeError("x"): 4,
+        MemoryError(): 5, MemoryLimitError("x"): 5, KeyboardInterrupt(): 130,
+    }
+    assert {str(type(error)): code_of_error(error) for error in codes} == {
+        str(type(error)): code for error, code in codes.items()
+    }
+
+
+@pytest.mark.parametrize("change", [None, ("rtol = 1e-9", "rtol = 1e-9\nchaos = 60")])
+def test_what_takes_too_much_memory(
+    change: Any, deck: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A plan whose factors have no room, and a chaos whose modes have none."""
+    if change is None:
+        monkeypatch.setattr("dolfinx_frontend.plan.plan.available_memory", lambda: 1e3)
+    else:
+        random_numbers = "".join(f"g{k} = {{ normal = {{ mean = 1.0, cov = 0.1 }} }}\n" for k in range(20))
+        terms = " + ".join(f"g{k}" for k in range(20))
+        changed(changed(deck, *change), "gap = 0.0", f'gap = 0.0\nstiffness = "10 * ({terms})"')
+        deck.write_text(deck.read_text() + f"\n[random]\n{random_numbers}")
+    assert main(["run", str(deck)]) == 5
+    record = json.loads((deck.with_suffix("") / "result.json").read_text())
+    assert record["exit_code"] == 5 and "B" in record["message"]
+    assert record["message"] in capsys.readouterr().err
+
+
+def test_a_defect_is_one_sentence(
+    deck: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: Any, **__: Any) -> None:
+        raise AttributeError("nothing")
+
+    monkeypatch.setattr("dolfinx_frontend.decks.running.solve", broken)
+    assert main(["run", str(deck)]) == 4
+    record = json.loads((deck.with_suffix("") / "result.json").read_text())
+    assert record["exit_code"] == 4 and "AttributeError: nothing; this is a defect" in record["message"]
+    assert "this is a defect" in capsys.readouterr().err.splitlines()[-1]
+
+
 WRONG = {
     ("friction = 0.15", "frction = 0.15"): r"small.toml:26: unknown key 'frction' in \[inter.*'friction'",
     ('law = "Contact"', 'law = "contact"'): (
@@ -311,6 +356,22 @@ def test_killed_runs_go_on(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
     assert len(json.loads(done.stdout)["statuses"]) == 1024
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_ended_says_so(tmp_path: Path, number: int) -> None:
+    """The samples so far are kept, and the record says how it ended."""
+    command = [sys.executable, "-m", "dolfinx_frontend.decks.command", "run", str(DEMO)]
+    command += ["--samples", "65536", "-o", str(tmp_path / "out")]
+    ended = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    points = tmp_path / "out" / "points"
+    while ended.poll() is None and not (points.exists() and points.stat().st_size > 20000):
+        time.sleep(0.05)
+    ended.send_signal(number)
+    _, said = ended.communicate(timeout=200)
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert ended.returncode == 130 == record["exit_code"], said
+    assert record["status"] == "interrupted" and record["message"] and "Traceback" not in said
 
 
 def test_a_step_file_becomes_a_deck(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

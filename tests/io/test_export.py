@@ -5,7 +5,10 @@ from __future__ import annotations
 import hashlib
 import os
 import random
+import re
+import resource
 import shutil
+import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -216,14 +219,80 @@ def test_one_computation_a_folder(elastic: lt.Problem, tmp_path: Path) -> None:
         elastic.export(tmp_path, chaos=2, grid={"joint/0.normal": [1.0]})
 
 
-# --- one clear error -------------------------------------------------------------------------------
-
-
 def refused(done: subprocess.CompletedProcess[str]) -> str:
     """What the program says: one line."""
-    assert done.returncode == 1, (done.returncode, done.stdout, done.stderr[-2000:])
+    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr[-2000:])
     assert done.stderr.startswith("latin_run: ") and done.stderr.count("\n") == 1, done.stderr[-2000:]
     return done.stderr
+
+
+# --- exit codes ------------------------------------------------------------------------------------
+
+
+def sliding(shear: float) -> lt.Scene:
+    """A block on a block, which friction of 0.2 holds against a shear below 0.2 of the pressure."""
+    scene = lt.Scene()
+    for k in range(2):
+        block = lt.geometry.box((1.0, 1.0, 1.0), (1, 1, 1), origin=(k, 0, 0), cell="hexahedron")
+        scene.substructure(f"block {k}", block, lt.LinearElastic(E=100.0, nu=0.0), degree=1)
+    scene.interface("joint", "block 0:x1", "block 1:x0", lt.Contact(friction=0.2))
+    scene.fix("block 0:x0")
+    press, push = lt.Amplitude([0, 1], [0, 1]), lt.Amplitude([1, 2], [0, 1])
+    scene.traction("block 1:x1", press * (-1.0, 0.0, 0.0), name="press")
+    scene.traction("block 1:x1", push * (0.0, shear, 0.0), name="push")
+    return scene
+
+
+def endless(problem: lt.Problem, folder: Path) -> Path:
+    """With a search direction so far off that it hardly moves."""
+    options = lt.Options(rtol=1e-15, max_iterations=10**9, stagnation_window=10**9, newton=0)
+    return problem.export(folder, "latin", direction=1e-6, active="all", options=options)
+
+
+def test_exit_codes_by_faults(elastic: lt.Problem, tmp_path: Path) -> None:
+    """As those of `latin run`; an answer that is not right is written with its status."""
+    folder = elastic.export(tmp_path / "right", "accelerated")
+    assert run(folder).returncode == 0
+    times = [1.0, 2.0]
+    assert run(lt.assemble(sliding(0.05)).export(tmp_path / "held", times=times)).returncode == 0
+    lost = lt.assemble(sliding(1.0)).export(tmp_path / "lost", times=times)
+    done = run(lost)
+    assert done.returncode == 3, done.stdout + done.stderr
+    assert lt.load(lost / "result.h5").status == "no_equilibrium"
+    few = elastic.export(tmp_path / "few", "latin", options=lt.Options(max_iterations=1, newton=0))
+    assert run(few).returncode == 4 and lt.load(few / "result.h5").status == "max_iterations"
+    late = run(few, "--max-seconds", "1e-9")
+    assert late.returncode == 5 and lt.load(few / "result.h5").status == "interrupted"
+
+
+def test_out_of_memory(elastic: lt.Problem, tmp_path: Path) -> None:
+    """Ten million points, whose fields have no room in 3 GB."""
+    folder = elastic.export(tmp_path, "accelerated")
+    axes = [f"joint/{k}.{name}={','.join(['1'] * 56)}" for k in (0, 1) for name in ("normal", "tangential")]
+    command = [str(PROGRAM), str(folder), *(each for axis in axes for each in ("--sweep", axis))]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (3 * 10**9, 3 * 10**9)),
+    )
+    assert done.returncode == 5, done.stdout + done.stderr
+    assert done.stderr.count("\n") == 1 and "not enough memory" in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_what_is_known(elastic: lt.Problem, tmp_path: Path, number: int) -> None:
+    folder = endless(elastic, tmp_path)
+    process = subprocess.Popen([str(PROGRAM), str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    caught = 0
+    while process.poll() is None and not caught >> (number - 1) & 1:
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        caught = int(re.search(r"SigCgt:\s*(\w+)", status)[1], 16)  # type: ignore[index]
+    process.send_signal(number)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130, said
+    assert lt.load(folder / "result.h5").status == "interrupted"
+
+
+# --- one clear error -------------------------------------------------------------------------------
 
 
 def test_an_older_problem_stays_until_the_new_one_is_whole(
@@ -303,6 +372,8 @@ def test_wrong_calls(elastic: lt.Problem, tmp_path: Path) -> None:
     for axis in ("joint", "joint/0.normal=", "joint/0.normal=1,,2", "joint/0.normal=nan", ".=1"):
         assert "INTERFACE.PARAMETER=VALUE" in refused(run(tmp_path, "--sweep", axis))
     assert "nothere" in refused(run(tmp_path, "--sweep", "nothere.normal=1"))
+    for seconds in ("", "-1", "nan", "1s"):
+        assert "give a number > 0" in refused(run(tmp_path, "--max-seconds", seconds))
     assert "strength" in refused(run(tmp_path, "--sweep", "joint/0.strength=1"))
     assert "cannot be written" in refused(run(tmp_path, "--output", str(tmp_path / "no" / "x.h5")))
     assert "usage:" in run(tmp_path, "--help").stdout
@@ -499,7 +570,7 @@ def test_options_of_petsc_are_not_read(tmp_path: Path) -> None:
         environment = {**os.environ, "HOME": str(tmp_path / home), **variables}
         how: dict[str, Any] = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True}
         done = subprocess.run([str(PROGRAM), "nothing"], check=False, **how)
-        assert done.returncode == 1 and "is no folder" in done.stderr
+        assert done.returncode == 2 and "is no folder" in done.stderr
         assert not (tmp_path / "executed").exists(), home
         (tmp_path / home / ".petscrc").unlink(missing_ok=True)
 
@@ -533,7 +604,16 @@ def test_all_ranks_say_one_error(elastic: lt.Problem, tmp_path: Path, damage: st
     folder = elastic.export(tmp_path / "folder", "accelerated")
     DAMAGES[damage](folder)
     done = run(folder, ranks=2)
-    assert done.returncode and done.stderr.count("latin_run:") == 1
+    assert done.returncode == 2 and done.stderr.count("latin_run:") == 1
+
+
+@pytest.mark.mpi
+def test_all_ranks_have_one_exit_code(elastic: lt.Problem, tmp_path: Path) -> None:
+    lost = lt.assemble(sliding(1.0)).export(tmp_path / "lost", times=[1.0, 2.0])
+    assert run(lost, ranks=2).returncode == 3
+    folder = elastic.export(tmp_path / "folder", "latin", options=lt.Options(max_iterations=1, newton=0))
+    assert run(folder, ranks=2).returncode == 4
+    assert run(endless(elastic, tmp_path / "slow"), "--max-seconds", "0.1", ranks=2).returncode == 5
 
 
 def flip(path: Path, dice: random.Random) -> None:
@@ -656,8 +736,8 @@ def test_contradictory_folders(elastic: lt.Problem, tmp_path: Path, kind: str) -
             what = mutate(file, dice)
         seal(folder / "problem.h5")
         done = run(folder)
-        assert done.returncode in (0, 1, 2), (what, done.returncode, done.stderr[-2000:])
-        if done.returncode == 1:
+        assert done.returncode in (0, 2, 3, 4, 5), (what, done.returncode, done.stderr[-2000:])
+        if done.stderr or done.returncode == 2:
             assert "latin_run: " in done.stderr and done.stderr.count("\n") == 1, (what, done.stderr)
         shutil.rmtree(folder)
 

@@ -34,9 +34,10 @@ std::string not_definite(const std::string& name, const std::string& where) {
          "that are joined differ by more than rounding bears (keep the joint active: active=[...])";
 }
 
-std::string out_of_memory(const std::string& name, Index size) {
-  return "not enough memory to factorise '" + name + "' (" + std::to_string(size) +
-         " unknowns): use a coarser mesh, backend 'multigrid', or a larger machine";
+[[noreturn]] void refuse_out_of_memory(const std::string& name, Index size) {
+  throw OutOfMemoryError(
+      "not enough memory to factorise '" + name + "' (" + std::to_string(size) +
+      " unknowns): use a coarser mesh, backend 'multigrid', or a larger machine");
 }
 
 #ifdef LATIN_HAVE_CHOLMOD
@@ -158,10 +159,12 @@ class Common {
   cholmod_common common_{};
 };
 
-std::string failure(const std::string& name, Index size, int status) {
-  return status == CHOLMOD_OUT_OF_MEMORY
-             ? out_of_memory(name, size)
-             : "CHOLMOD could not factorise '" + name + "' (status " + std::to_string(status) + ")";
+[[noreturn]] void refuse(const std::string& name, Index size, int status) {
+  if (status == CHOLMOD_OUT_OF_MEMORY) {
+    refuse_out_of_memory(name, size);
+  }
+  throw NumericalError("CHOLMOD could not factorise '" + name + "' (status " +
+                       std::to_string(status) + ")");
 }
 
 /// A square matrix for CHOLMOD, without its arrays.
@@ -208,7 +211,7 @@ std::vector<int> interior_first(const SparseRows& lower, Index trailing, const s
     }
   };
   Common<Narrow> common;
-  const auto fail = [&] { throw NumericalError(failure(name, size, common->status)); };
+  const auto fail = [&] { refuse(name, size, common->status); };
   // degrees count the trailing neighbours, which fill in, too: a third fewer operations on the vessel
   Compressed graph = compress(lower, size);
   std::vector<int> last;
@@ -489,7 +492,7 @@ class CholmodFactor final : public Factor {
     if (common_->status == CHOLMOD_TOO_LARGE) {
       throw TooLarge();
     }
-    throw NumericalError(failure(name, size_, common_->status));
+    refuse(name, size_, common_->status);
   }
 
   Index size_;
@@ -516,9 +519,9 @@ std::unique_ptr<Factor> factorise_cholmod(const SparseRows& lower, Index trailin
     }
     return std::make_unique<CholmodFactor<Wide>>(lower, order, trailing, name, schur);
   } catch (const TooLarge&) {
-    throw NumericalError(failure(name, lower.rows(), CHOLMOD_TOO_LARGE));
+    refuse(name, lower.rows(), CHOLMOD_TOO_LARGE);
   } catch (const std::bad_alloc&) {
-    throw NumericalError(out_of_memory(name, lower.rows()));
+    refuse_out_of_memory(name, lower.rows());
   }
 }
 
@@ -546,8 +549,10 @@ class MumpsFactor final : public Factor {
     done = done && succeeded() &&
            MatCholeskyFactorNumeric(factor_.get(), matrix_.get(), &info) == PETSC_SUCCESS;
     if (!done || !succeeded()) {
-      throw NumericalError(is_out_of_memory() ? out_of_memory(name, size_)
-                                              : not_definite(name, ""));
+      if (is_out_of_memory()) {
+        refuse_out_of_memory(name, size_);
+      }
+      throw NumericalError(not_definite(name, ""));
     }
     refuse_singular(lower, name);
     MatInfo facts{};

@@ -170,13 +170,13 @@ MultiIndexSet::MultiIndexSet(const IndexRequest& request) {
   if (number > most) {
     char text[32];
     static_cast<void>(std::snprintf(text, sizeof text, "%.6g", number));
-    throw InputError("a chaos of order " + std::to_string(request.order) + " in " +
-                     std::to_string(request.dimension) + " variables has " + text +
-                     " modes or more and needs " + bytes_text(number * each) +
-                     " or more, against a "
-                     "limit of " +
-                     bytes_text(std::min(limit, most * each)) +
-                     ": lower the order, limit the interaction, or take a hyperbolic set");
+    throw MemoryLimitError("a chaos of order " + std::to_string(request.order) + " in " +
+                           std::to_string(request.dimension) + " variables has " + text +
+                           " modes or more and needs " + bytes_text(number * each) +
+                           " or more, against a "
+                           "limit of " +
+                           bytes_text(std::min(limit, most * each)) +
+                           ": lower the order, limit the interaction, or take a hyperbolic set");
   }
   table_.resize(static_cast<Index>(number), request.dimension);
   Index row = 0;

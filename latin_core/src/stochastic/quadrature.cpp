@@ -15,9 +15,10 @@ namespace {
 void check_size(double points, Index dimension, double limit, const std::string& what) {
   const double bytes = points * (static_cast<double>(dimension) + 1.0) * sizeof(double);
   if ((limit > 0.0 && bytes > limit) || points > 2147483647.0) {
-    throw InputError(what + " would have " + std::to_string(points) + " points and take " +
-                     std::to_string(bytes / 1e9) + " GB, against a limit of " +
-                     std::to_string(limit / 1e9) + " GB: take fewer points, or a sparse rule");
+    throw MemoryLimitError(what + " would have " + std::to_string(points) + " points and take " +
+                           std::to_string(bytes / 1e9) + " GB, against a limit of " +
+                           std::to_string(limit / 1e9) +
+                           " GB: take fewer points, or a sparse rule");
   }
 }
 
