@@ -21,6 +21,7 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.solvers.support import _Grip, _driven
 from dolfinx_frontend.solving import solve
 
@@ -327,6 +328,36 @@ def test_swept_loads_that_nothing_balances_are_named() -> None:
         values = function(np.array([[1.0], [0.5]]))
     assert values[0, 0] == pytest.approx(-1.0, rel=1e-2)
     assert np.isnan(values[1, 0])
+
+
+@pytest.mark.parametrize("iterations", [1, 200])
+def test_points_that_were_not_reached_are_not_asked(
+    iterations: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether friction holds what is random; of many samples most were not come to."""
+    scene = lf.Scene()
+    for k, name in enumerate("ab"):
+        square = lf.geometry.box((1.0, 1.0), (1, 1), origin=(float(k), 0.0))
+        scene.substructure(name, square, LinearElastic(100.0, 0.3), degree=1)
+    scene.fix("a:x0", name="wall")
+    scene.interface("layer", "a:x1", "b:x0", Contact(friction=0.3))
+    scene.pressure("b:x1", lf.Uniform("p", 1.0, 2.0), name="push")
+    seen = 0
+
+    def stop(_: object) -> None:
+        nonlocal seen
+        seen += 1
+        if seen >= iterations:
+            raise StopIteration
+
+    asked = []
+    problem_at = sampling.problem_at
+    monkeypatch.setattr(sampling, "problem_at", lambda *given: asked.append(given) or problem_at(*given))
+    found = lf.quasi_monte_carlo(assemble(scene), 1024, callback=stop, progress=False)
+    assert found.status == "interrupted" and len(asked) == found.reached.sum() < 1024
+    if iterations == 1:
+        with pytest.raises(SceneError, match="'layer': no point was reached"):
+            found.force("layer")
 
 
 @pytest.mark.parametrize("rtol", [1e-2, 1e-6])
