@@ -788,7 +788,7 @@ def _unbalanced(answer: PointResults, at: Callable[[int], Problem] | None) -> di
     """
     problem, times = answer.problem, answer.plan.times
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
-    asked = np.flatnonzero(answer.reached).tolist()
+    asked = [int(k) for k in np.flatnonzero(answer.reached)]
     checks = _checks(problem, contacts, _steps(problem, times)) if contacts and asked else {}
     if not checks:
         return {}
