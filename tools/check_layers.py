@@ -66,6 +66,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "laws.symmetry",
         "laws.pressure",
         "laws.rigid",
+        "laws.linked",
         "laws.traction",
         "laws",
         "bolts",

@@ -455,7 +455,7 @@ def _own_parts(
                 substructures[name] = _known(before, specs[name]) or discretise(specs[name])
         for name, joint in scene.interfaces.items():
             for face in joint.faces:
-                if owner[face.substructure] == rank and (joint.remote is None or joint.remote.node is None):
+                if owner[face.substructure] == rank and not (joint.remote and joint.remote.nodes):
                     check_face(specs[face.substructure], face, f"interface {name!r}")
         for name, joint in scene.interfaces.items():
             ranks = [owner[face.substructure] for face in joint.faces]
@@ -511,9 +511,10 @@ def _centres(scene: Scene, substructures: Mapping[str, Substructure], comm: Any)
 
 
 def _add(sums: dict[int, Array], kind: int, part: Substructure, face: str, remote: Remote | None) -> None:
-    """Add area times place, and area, of a face; a node counts as a face as large as the part."""
-    if remote is not None and remote.node is not None:
-        x, area = np.array(remote.node)[None], np.array([part.length ** (part.dim - 1)])
+    """Add area times place, and area, of a face; nodes count as faces as large as the part."""
+    if remote is not None and remote.nodes:
+        x = np.array(remote.nodes)
+        area = np.full(len(x), part.length ** (part.dim - 1))
     else:
         facets = FacetMap(part.part, face, f"substructure {part.name!r}")
         rule, weights = facets.rule(2)

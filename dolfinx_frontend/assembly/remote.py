@@ -1,4 +1,5 @@
-"""Interfaces with one point: a node of a part, or the mean rigid motions of one or two faces (RBE3)."""
+"""Interfaces with one point: a node of a part, a sum of displacements of nodes, or the mean rigid motions of
+one or two faces (RBE3)."""
 
 from __future__ import annotations
 
@@ -31,6 +32,8 @@ def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> In
     assert remote is not None
     if remote.node is not None:
         return _at_node(spec, parts[0], remote.node)
+    if remote.sums:
+        return _of_sums(spec, parts, remote)
     d = parts[0].dim
     sides: list[Side] = []
     wrench: Array = np.zeros(0)
@@ -103,11 +106,12 @@ def _why(spec: InterfaceSpec) -> str:
     assert spec.remote is not None
     if spec.remote.beam:
         return "a beam between the mean motions of two faces"
+    if spec.remote.sums:
+        return "a sum of displacements of nodes"
     return "a node" if spec.remote.node is not None else "the mean motion of a face"
 
 
-def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> Interface:
-    where = f"interface {spec.name!r}"
+def _node(where: str, s: Substructure, place: tuple[float, ...]) -> int:
     point = fitting(where, "point", place, s.dim)
     away = np.linalg.norm(s.dof_coordinates - point, axis=1)
     node = int(np.argmin(away))
@@ -118,13 +122,39 @@ def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> 
             f"{where}: there is no node of {s.name!r} at ({', '.join(f'{v:.6g}' for v in point)}); the "
             f"nearest one is at ({near}), {away[node]:.4g} away: give that, or fix a face"
         )
+    return node
+
+
+def _of_cells(s: Substructure) -> float:
+    """Area of a face as large as the cells."""
+    d = 3 if s.around else s.dim
+    return float((s.volume / (s.size // s.dim)) ** ((d - 1.0) / d))
+
+
+def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> Interface:
+    node = _node(f"interface {spec.name!r}", s, place)
     count = s.size // s.dim
     shape = sp.csr_matrix((np.ones(1), (np.zeros(1, dtype=int), np.array([node]))), shape=(1, count))
-    d = 3 if s.around else s.dim
-    of_cells = (s.volume / count) ** ((d - 1.0) / d)
     trace = sp.kron(shape, sp.identity(s.dim), "csr")
-    side = _side(s, spec.faces[0], trace, shape, np.array([node]), of_cells)
+    side = _side(s, spec.faces[0], trace, shape, np.array([node]), _of_cells(s))
     return _made(spec, (side,), s.dof_coordinates[node].copy(), None)
+
+
+def _of_sums(spec: InterfaceSpec, parts: tuple[Substructure, ...], remote: Remote) -> Interface:
+    """Its jump is the sum: side 1 enters it with the opposite sign."""
+    d, where = parts[0].dim, f"interface {spec.name!r}"
+    sides, place, wrench = [], np.zeros(d), np.zeros(0)
+    for number, (face, s, terms) in enumerate(zip(spec.faces, parts, remote.sums, strict=True)):
+        row = np.zeros((s.size // d, d))
+        vectors = (2.0 * number - 1.0) * np.array([fitting(where, "direction", v, d) for _, v in terms])
+        np.add.at(row, [_node(where, s, x) for x, _ in terms], vectors)
+        x = np.array([x for x, _ in terms])
+        if number == 0:
+            place = x.mean(axis=0)
+            moment = cross(x - place, vectors).reshape(len(x), -1).sum(axis=0)
+            wrench = np.concatenate([vectors.sum(axis=0), moment])
+        sides.append(_row(s, face, _of_cells(s), row.ravel(), wrench, place)[0])
+    return _made(spec, tuple(sides), place, wrench)
 
 
 def _side(s: Substructure, face: Face, trace: Any, shape: sp.csr_matrix, nodes: Any, area: float) -> Side:

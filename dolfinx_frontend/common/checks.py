@@ -25,6 +25,7 @@ __all__ = [
     "check_kind",
     "check_known",
     "check_optional_kind",
+    "checked_axes",
     "checked_callable",
     "checked_flag",
     "checked_name",
@@ -145,6 +146,14 @@ def checked_numbers(where: str, what: str, values: Any, wanted: str, dimensions:
     if np.all(np.isfinite(data)) and (dimensions is None or data.ndim == dimensions):
         return data
     raise _refuse(where, what, values, f": {wanted}")
+
+
+def checked_axes(where: str, what: str, values: Any) -> Array:
+    """A copy of orthonormal rows (d, d), in 2 or 3 dimensions, as an array."""
+    axes = checked_numbers(where, what, values, "give orthonormal rows (d, d)")
+    if axes.shape in ((2, 2), (3, 3)) and np.abs(axes @ axes.T - np.eye(len(axes))).max() < 1e-9:
+        return axes
+    raise _refuse(where, what, values, ": give orthonormal rows (d, d)")
 
 
 def checked_reals(where: str, what: str, values: Any, wanted: str) -> Array:

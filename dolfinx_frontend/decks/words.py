@@ -73,11 +73,11 @@ def _public(module: Any, base: type) -> dict[str, Any]:
 
 
 CLASSES: Mapping[str, Mapping[str, Any]] = {
-    "law": {name: each for name, each in _public(laws, Law).items() if name != "Rigid"},
+    "law": {name: each for name, each in _public(laws, Law).items() if name not in ("Linked", "Rigid")},
     "material": {each.__name__: each for each in (LinearElastic, OrthotropicElastic)},
 }
-"""Objects that are named by their class in a table that has their fields as well; what `scene.rigid` and
-`scene.plane` make has no name of its own."""
+"""Objects that are named by their class in a table that has their fields as well; what `scene.rigid`,
+`scene.plane` and `scene.link` make has no name of its own."""
 
 DISTRIBUTIONS: Mapping[str, Callable[..., Any]] = {
     name.lower(): getattr(parameters, name) for name in parameters.__all__ if name != "RandomParameter"

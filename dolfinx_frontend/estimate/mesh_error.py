@@ -462,9 +462,9 @@ def _at(result: Result, field: Array, step: int) -> Array:
 # --- the quantity ----------------------------------------------------------------------------------
 def _axes(interface: Interface, normals: Array) -> Array:
     """Directions (components, points, d) of the components of an interface's force."""
-    axes = interface.law.axes(interface.dim)
-    if axes is not None:
-        return np.repeat(np.eye(interface.dim)[list(axes), None], len(normals), axis=1)
+    own = interface.law.directions(interface.dim)
+    if own is not None:
+        return np.repeat(own[:, None], len(normals), axis=1)
     basis, _ = frames(normals, interface.tangent_axis)
     return np.moveaxis(basis[:, : interface.law.count(interface.dim)], 0, 1)
 

@@ -22,7 +22,7 @@ from dolfinx_frontend.scene.laws import Law
 __all__ = ["Reaction", "eliminated_fields", "prescribed_force", "reaction"]
 
 ALIGNED = 1e-9
-"""A normal within this of a global axis is that axis."""
+"""Directions that differ by less are one."""
 
 
 # --- springs and loads -----------------------------------------------------------------------------
@@ -68,17 +68,19 @@ def eliminated_fields(
 
 
 # --- supports and glue -----------------------------------------------------------------------------
-def _held_axes(interface: Interface) -> set[int] | None:
-    """Global axes along which an interface of this kind acts; None: they are none of these."""
-    d, law = interface.dim, interface.law
-    axes = law.axes(d)
-    if axes is not None:
-        return set(axes)
-    if law.count(d) == 1:  # along the normal
-        axis = int(np.argmax(np.abs(interface.normals[0])))
-        flat = np.all(np.abs(np.abs(interface.normals[:, axis]) - 1.0) < ALIGNED)
-        return {axis} if flat else None
-    return set(range(d))
+def _held_directions(interface: Interface) -> Array | None:
+    """Orthonormal directions (r, d) along which an interface acts at all of its points; None: they vary."""
+    d = interface.dim
+    count = interface.law.count(d)
+    if count == d:
+        return np.eye(d)
+    rows = interface.law.rows(interface).reshape(-1, count, d)
+    return rows[0].copy() if np.abs(rows - rows[0]).max() < ALIGNED else None
+
+
+def _apart(one: Array | None, other: Array | None) -> bool:
+    """Whether two interfaces are known to hold no direction in common."""
+    return one is not None and other is not None and bool(np.abs(one @ other.T).max() < ALIGNED)
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def reaction(answer: Answer, name: str) -> Reaction | None:
     """
     problem, known = answer.problem, answer.known
     interface = problem.interfaces[name]
-    own = _held_axes(interface)
+    own = _held_directions(interface)
     for number, side in enumerate(interface.sides):
         others = [
             (other, each)
@@ -121,14 +123,13 @@ def reaction(answer: Answer, name: str) -> Reaction | None:
             if other.name != name and other.name not in known and each.substructure == side.substructure
         ]
         clash = any(
-            np.isin(side.nodes, each.nodes).any()
-            and (own is None or (axes := _held_axes(other)) is None or own & axes)
+            np.isin(side.nodes, each.nodes).any() and not _apart(own, _held_directions(other))
             for other, each in others
         )
         if not clash:
-            away = sorted(set(range(interface.dim)) - (own or set(range(interface.dim))))
+            held = np.eye(interface.dim) if own is None else own.T @ own
             x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
-            return Reaction(number, side.nodes, x, _residual(answer, name, number, away))
+            return Reaction(number, side.nodes, x, _residual(answer, name, number, held))
     return None
 
 
@@ -153,8 +154,9 @@ def _cellwise(
     return forces
 
 
-def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callable[[Block], Array]:
-    """Forces (n, T, nodes, d) that balance the nodes of a side, besides loads and forces that are known."""
+def _residual(answer: Answer, name: str, number: int, held: Array) -> Callable[[Block], Array]:
+    """Forces (n, T, nodes, d) that balance the nodes of a side in the directions that are held, a projector
+    (d, d), besides loads and forces that are known."""
     problem, times = answer.problem, answer.times
     side = problem.interfaces[name].sides[number]
     part, nodes = problem.substructures[side.substructure], side.nodes
@@ -217,8 +219,6 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
             given = answer.load(other)
             force = stepped(block.force(other) if given is None else given[None], times, 1)[..., 0, 0]
             out = out - sign * (force[..., None] * nodal).reshape(out.shape)
-        out = (1.0 - 2.0 * number) * out
-        out[..., away] = 0.0
-        return out
+        return np.asarray((1.0 - 2.0 * number) * out @ held)
 
     return forces

@@ -18,7 +18,7 @@ import ufl
 from ufl.domain import extract_unique_domain
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import checked_numbers, checked_reals, is_real
+from dolfinx_frontend.common.checks import checked_axes, checked_numbers, checked_reals, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
@@ -306,10 +306,7 @@ class OrthotropicElastic:
         if len(self.E) not in (2, 3):
             raise SceneError(f"OrthotropicElastic: E has {len(self.E)} values; give 3 (2D: 2 or 3)")
         if self.axes is not None:
-            axes = checked_numbers("OrthotropicElastic", "axes", self.axes, "give orthonormal rows (d, d)")
-            d = len(axes) if axes.ndim else 0
-            if axes.shape not in ((2, 2), (3, 3)) or (np.abs(axes @ axes.T - np.eye(d)).max() > 1e-9):
-                raise SceneError("OrthotropicElastic: axes are not orthonormal rows (d, d)")
+            checked_axes("OrthotropicElastic", "axes", self.axes)
             object.__setattr__(self, "axes", frozen(self.axes))
         for dim in (2, 3) if self._is_full() else (2,):
             if dim == 2 or self.plane == "strain":

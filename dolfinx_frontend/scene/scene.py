@@ -37,6 +37,7 @@ from dolfinx_frontend.scene.laws import (
     Elastic,
     Elimination,
     Law,
+    Linked,
     Preload,
     Pressure,
     Rigid,
@@ -357,11 +358,17 @@ class Scene:
         value: Value = 0.0,
         components: Sequence[int] | int | None = None,
         name: str | None = None,
+        frame: Sequence[Sequence[float]] | None = None,
     ) -> None:
-        """Prescribe the displacement, of all or of some global components (0 is x).
+        """Prescribe the displacement, of all or of some components (0 is x).
 
         A vector with random components makes one interface per component, ``"<name>.x"`` and so on. A random
         number may be multiplied by an Amplitude.
+
+        Parameters
+        ----------
+        frame
+            Rows: axes (d, d) in global components along which the components are; None: the global ones.
         """
         vector = _components_of(value)
         if vector is not None and components is None:
@@ -369,11 +376,11 @@ class Scene:
                 self._one_sided(
                     f"displacement.{'xyz'[k]}",
                     faces,
-                    Displacement(each, (k,)),
+                    Displacement(each, (k,), frame),
                     None if name is None else f"{name}.{'xyz'[k]}",
                 )
             return
-        law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
+        law = Displacement(value, components, frame)  # type: ignore[arg-type]  # one axis or several
         self._one_sided("displacement", faces, law, name)
 
     @journaled
@@ -457,10 +464,11 @@ class Scene:
         value: Value = 0.0,
         components: Sequence[int] | int | None = None,
         name: str | None = None,
+        frame: Sequence[Sequence[float]] | None = None,
     ) -> None:
-        """Prescribe the displacement of a node of a part, of all or of some global components (0 is x).
+        """Prescribe the displacement of a node of a part, of all or of some components (0 is x).
 
-        Random components make one interface each, as in :meth:`fix`.
+        Random components make one interface each, and `frame` has other axes, as in :meth:`fix`.
 
         Parameters
         ----------
@@ -476,10 +484,47 @@ class Scene:
         if vector is not None and components is None:
             for k, each in enumerate(vector):
                 own = f"{name or f'point({part}: {shown})'}.{'xyz'[k]}"
-                self._remote(own, (Face(part, f"({shown})"),), Displacement(each, (k,)), remote)
+                self._remote(own, (Face(part, f"({shown})"),), Displacement(each, (k,), frame), remote)
             return
-        law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
+        law = Displacement(value, components, frame)  # type: ignore[arg-type]  # one axis or several
         self._remote(name or f"point({part}: {shown})", (Face(part, f"({shown})"),), law, remote)
+
+    @journaled
+    def link(
+        self,
+        name: str,
+        terms: Sequence[tuple[str, Sequence[float], Sequence[float]]],
+        value: Value = 0.0,
+        stiffness: Value | None = None,
+    ) -> None:
+        """Give a sum of displacements of nodes, or put a spring on it: an equation between nodes.
+
+        Parameters
+        ----------
+        terms
+            Part, point where a node of it is, and the vector by which its displacement is multiplied, each;
+            of one part or of two.
+        value
+            What the sum is, length; parameter ``"<name>.value"``.
+        stiffness
+            Of the spring whose length grows by the sum, force / length; None: it is rigid. With a `value` the
+            spring has no force there; parameters ``"<name>.normal"`` and ``"<name>.jump"``.
+        """
+        where = f"link {checked_name('link', name)!r}"
+        sums: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {}
+        for term in terms:
+            if not isinstance(term, (list, tuple)) or len(term) != 3:
+                raise SceneError(f"{where}: {short(term)} is no term; give part, point and direction")
+            check_known("substructure", term[0], self.substructures, where)
+            x, along = (plain_vector(where, *each) for each in (("point", term[1]), ("direction", term[2])))
+            sums.setdefault(term[0], []).append((tuple(map(float, x)), tuple(map(float, along))))
+        if len(sums) not in (1, 2):
+            raise SceneError(f"{where}: nodes of {len(sums)} parts; give terms of one part or of two")
+        if not any(any(along) for each in sums.values() for _, along in each):
+            raise SceneError(f"{where}: every direction is 0; give one that is not")
+        law: Law = Linked(value) if stiffness is None else Elastic(normal=stiffness, jump=value)
+        remote = Remote(sums=tuple(map(tuple, sums.values())))
+        self._remote(name, tuple(Face(part, f"({name})") for part in sums), law, remote)
 
     def _remote(self, name: str, faces: tuple[Face, ...], law: Law, remote: Remote) -> None:
         where = f"interface {checked_name('interface', name)!r}"

@@ -272,7 +272,10 @@ class Remote:
     Attributes
     ----------
     node
-        A point of the part at which there is a node; None: the mean rigid motion of each face.
+        A point of the part at which there is a node; None: the mean rigid motion of each face, or `sums`.
+    sums
+        By side: points at which there are nodes, each with the vector (d,) by which its displacement is
+        multiplied.
     points
         By side: the point (d,) of which the displacement is taken; None: the centroid of the face.
     forces, moments
@@ -284,10 +287,18 @@ class Remote:
     """
 
     node: tuple[float, ...] | None = None
+    sums: tuple[tuple[tuple[tuple[float, ...], tuple[float, ...]], ...], ...] = ()
     points: tuple[tuple[float, ...] | None, ...] = ()
     forces: tuple[tuple[float, ...], ...] = ()
     moments: tuple[tuple[float, ...], ...] = ()
     beam: str = ""
+
+    @property
+    def nodes(self) -> tuple[tuple[float, ...], ...]:
+        """Points of the nodes of side 1 that it joins; none: it joins faces."""
+        if self.node is not None:
+            return (self.node,)
+        return tuple(x for x, _ in self.sums[0]) if self.sums else ()
 
 
 @dataclass(frozen=True)

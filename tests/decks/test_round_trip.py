@@ -95,7 +95,11 @@ def every_word() -> lf.Scene:
     scene.traction("left:z1", LATER * (1.0, 0.0, 0.0) + (0.0, 0.1, 0.0))
     scene.rigid("right:x1", point=(2.0, 0.5, 0.5), rx=0.0)
     scene.springs("right:y1", name="bed", x=3.0, rz=lf.Beta("b", 2.0, 3.0, upper=4.0))
-    scene.fix_point("left", (0.0, 0.0, 0.0), components=[0, 1])
+    turned = [[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]]
+    scene.fix_point("left", (0.0, 0.0, 0.0), components=[0, 1], frame=turned)
+    terms = [("left", (0.0, 1.0, 0.0), (1.0, 0.1, 0.0)), ("right", (2.0, 0.0, 0.0), (0.0, 0.0, -1.0))]
+    scene.link("tie", terms)
+    scene.link("rod", [("left", (0.0, 1.0, 1.0), (0.0, 1.0, 0.0))], 0.1, k)
     scene.body_force("left", (0.0, 0.0, lf.TruncatedNormal("g", 1.0, cov=0.1, within=2.0)))
     scene.force("right:x1", (1.0, LATER * 2.0, 0.0), moment=(0.0, 0.0, 1.0), name="pull")
     scene.bearing("left:y1", (0.0, 1.0, 0.0), factor=weibull)

@@ -407,8 +407,8 @@ class Law:
         """Unknown components of the force at a point."""
         return dim
 
-    def axes(self, dim: int) -> tuple[int, ...] | None:
-        """Global axes along which its components point; None: those of the local frame."""
+    def directions(self, dim: int) -> Array | None:
+        """Of its components (count, dim), in global ones; None: they are those of the local frame."""
         return None
 
     # --- at the points of an interface ------------------------------------------------------------
