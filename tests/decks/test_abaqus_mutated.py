@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,91 @@ RF
 """
 
 
+def linked_deck() -> str:
+    """A deck with equations, springs, local axes, generated nodes and elements, and friction that changes."""
+    low = Brick("C3D8R", "LOW", (4.0, 4.0, 2.0), (1, 1, 2))
+    high = Brick("C3D20", "HIGH", (4.0, 4.0, 2.0), (2, 1, 1), (0, 0, 2), 200)
+    return f"""\
+{low.text()}{high.text()}{STEEL}*SYSTEM
+10., 0., 0., 11., 0., 0.
+10., 1., 0.
+*NODE, NSET=ARC, SYSTEM=C
+601, 1., 0., 0.
+602, 2., 0., 0.
+607, 1., 0., 1.
+608, 2., 0., 1.
+*NODE, NSET=END, SYSTEM=C
+641, 1., 90., 0.
+642, 2., 90., 0.
+647, 1., 90., 1.
+648, 2., 90., 1.
+*SYSTEM
+*NFILL, NSET=RING
+ARC, END, 2, 20
+*ELEMENT, TYPE=C3D8, ELSET=FIRST
+601, 601, 602, 622, 621, 607, 608, 628, 627
+*ELGEN, ELSET=ARCH
+601, 2, 20, 1
+*SOLID SECTION, ELSET=ARCH, MATERIAL=STEEL
+*TRANSFORM, NSET=RING, TYPE=C
+10., 0., 0., 10., 0., 1.
+*ELEMENT, TYPE=DCOUP3D, ELSET=MEAN
+900, 901
+*ELEMENT, TYPE=SPRINGA, ELSET=ROD
+901, 901, 902
+*ELEMENT, TYPE=SPRING2, ELSET=STRUT
+902, 602, 903
+*NODE
+901, 2., 2., 9.
+902, 2., 2., 15.
+903, 12., 0., 5.
+904, 4., 2., 3.
+*SPRING, ELSET=ROD
+100.
+*SPRING, ELSET=STRUT
+3, 3
+100.
+*DISTRIBUTING COUPLING, ELSET=MEAN
+HIGH_Z1, 1.
+*ORIENTATION, NAME=ROUND, SYSTEM=CYLINDRICAL
+4., 2., 3., 5., 2., 3.
+1, 30.
+*KINEMATIC COUPLING, REF NODE=904, ORIENTATION=ROUND
+HIGH_X1, 1, 1
+*EQUATION
+2
+LOW_X1, 1, 1., 647, 2, -.5
+*SURFACE INTERACTION, NAME=DRY
+*FRICTION
+.2,
+*CONTACT PAIR, INTERACTION=DRY, TYPE=SURFACE TO SURFACE, ADJUST=.01
+SHIGH_Z0, SLOW_Z1
+*BOUNDARY
+LOW_Z0, 1, 3
+HIGH_Y0, 1, 3
+ARC, 1, 3
+END, 3, 3
+902, 1, 3
+903, 1, 6
+904, 3, 6
+*STEP
+*STATIC
+*CLOAD
+901, 3, -5.
+END, 1, 2.
+904, 2, 3.
+*END STEP
+*STEP
+*STATIC
+*CHANGE FRICTION, INTERACTION=DRY
+*FRICTION
+.1,
+*BOUNDARY
+904, 6, 6, .01
+*END STEP
+"""
+
+
 def mutated(lines: list[str], random_of: random.Random) -> list[str]:
     out = list(lines)
     k = random_of.randrange(len(out))
@@ -120,9 +206,18 @@ def test_the_whole_deck(tmp_path: Path) -> None:
     assert result.status == "converged"
 
 
+def test_the_linked_deck(tmp_path: Path) -> None:
+    scene = read(tmp_path, linked_deck().split("\n"))
+    assert set(scene.substructures) == {"LOW", "HIGH", "ARCH"}
+    deck = lf.read_inp(tmp_path / "deck.inp")
+    assert deck.times == [1.0, 2.0] and {n.keyword for n in deck.notes} >= {"DISTRIBUTING COUPLING"}
+    assert lf.solve(lf.assemble(scene), times=deck.times, progress=False).status == "converged"
+
+
+@pytest.mark.parametrize("deck", [whole_deck, linked_deck])
 @pytest.mark.parametrize("seed", range(10))
-def test_mutated_decks(seed: int, tmp_path: Path) -> None:
-    lines = whole_deck().split("\n")
+def test_mutated_decks(seed: int, deck: Callable[[], str], tmp_path: Path) -> None:
+    lines = deck().split("\n")
     random_of = random.Random(seed)
     for _ in range(25):
         damaged = lines

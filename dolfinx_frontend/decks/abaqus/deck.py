@@ -9,8 +9,10 @@ from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.cards import Note, read_cards
+from dolfinx_frontend.decks.abaqus.faces import Faces
 from dolfinx_frontend.decks.abaqus.history import History, Step
-from dolfinx_frontend.decks.abaqus.interfaces import Faces, Joints, cuts_of, references_of
+from dolfinx_frontend.decks.abaqus.interfaces import Joints, cuts_of, references_of
+from dolfinx_frontend.decks.abaqus.links import Links
 from dolfinx_frontend.decks.abaqus.loads import Loads
 from dolfinx_frontend.decks.abaqus.materials import expansion_of, material_of, number_of, thickness_of
 from dolfinx_frontend.decks.abaqus.model import Model
@@ -53,17 +55,21 @@ class InpDeck:
     def __init__(self, name: str, model: Model) -> None:
         self.name = name
         self._model = model
-        self._history = History(model, references=references_of(model))
+        references, bolts = references_of(model)
+        self._history = History(model, references=references, bolts=bolts)
         self._history.read()
         cuts = cuts_of(model)
         refuse(name, model)
         self._mesh = Mesh(model)
         self._mesh.build([pairs for _, _, pairs in cuts])
         self._faces = Faces(self._mesh)
-        self._joints = Joints(model, self._mesh, self._history, self._faces)
+        self._links = Links(model, self._mesh, self._history)
+        self._links.collect()
+        self._joints = Joints(self._mesh, self._history, self._faces, self._links)
         self._joints.collect(cuts)
         self._check_fixed()
-        self._loads = Loads(self._mesh, self._history, self._faces)
+        self._links.reduce({node for body in self._joints.bodies for node in body.nodes} | bolts)
+        self._loads = Loads(self._mesh, self._history, self._faces, self._links)
         self._loads.ask()
         self._faces.divide()
         self._loads.divide()
@@ -79,13 +85,9 @@ class InpDeck:
         self.times: list[float] | None = None if self._history.static else self._history.times
 
     def _check_fixed(self) -> None:
-        bolts = {
-            self._model.root.one_node(card, card.need("NODE"), card.where)
-            for card in self._model.joints if card.keyword == "PRE-TENSION SECTION"
-        }
         for node, step in self._history.fixed.items():
             held = any(("u", node, k) in self._history.curves for k in (1, 2, 3))
-            if node not in bolts and not held:
+            if node not in self._history.bolts and not held:
                 at, name = self._history.steps[step - 1], self._model.node_names[node]
                 raise DeckError(
                     f"{at.file}:{at.line}: *BOUNDARY: node {name} is FIXED where it has got to; only bolts "
@@ -115,6 +117,7 @@ class InpDeck:
                     piece.name, parts[piece.name], self._materials[piece.name], degree=piece.kind.degree
                 )
             self._joints.put(scene)
+            self._links.put(scene)
             self._loads.put(scene, self.densities, self._alphas, thickness)
         except DeckError:
             raise

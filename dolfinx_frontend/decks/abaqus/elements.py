@@ -74,8 +74,8 @@ def _kinds() -> dict[str, Kind]:
 
 
 KINDS = _kinds()
-REFERENCE_NODES = {"DCOUP3D": 1, "MASS": 1}
-"""Elements of one node without stiffness: the node of a coupling."""
+REFERENCE_NODES = {"DCOUP3D": 1, "MASS": 1, "SPRINGA": 2, "SPRING1": 1, "SPRING2": 2}
+"""Nodes of elements that are no solids: the node of a coupling, springs."""
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "triangle": ((0, 1), (1, 2), (2, 0)),

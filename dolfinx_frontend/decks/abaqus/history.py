@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from dolfinx_frontend.decks.abaqus.model import Model
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.amplitudes import Amplitude
 
-__all__ = ["Curve", "Given", "History", "Key", "Step"]
+__all__ = ["Curve", "Given", "History", "Key", "Step", "combined"]
 
 Curve = tuple[tuple[float, float], ...]
 """Points (total time, value)."""
@@ -76,6 +76,10 @@ class History:
         Node -> temperature without thermal strain.
     increments
         Total times at which *STATIC, DIRECT wants a solution.
+    frictions
+        Interaction -> steps from whose begin on it has another friction.
+    references, bolts
+        Nodes that are handled by what they stand for, and those of bolts.
     """
 
     model: Model
@@ -86,7 +90,9 @@ class History:
     forced: dict[Key, list[int]] = field(default_factory=dict)
     start_temperatures: dict[int, float] = field(default_factory=dict)
     increments: list[float] = field(default_factory=list)
+    frictions: dict[str, dict[Step, Card]] = field(default_factory=dict)
     references: frozenset[int] = frozenset()
+    bolts: frozenset[int] = frozenset()
 
     def read(self) -> None:
         """The cards before the first step, and all steps."""
@@ -120,11 +126,18 @@ class History:
         self.steps.append(Step(number, name, begin, end, *head.where))
         found: dict[Key, list[Given]] = {}
         fresh: set[str] = set()
+        changed = ""
         for card in cards[1:]:
             reader = _LOADS.get(card.keyword)
-            if reader is None:
+            if card.keyword == "CHANGE FRICTION":
+                changed = card.need("INTERACTION")
+            elif card.keyword == "FRICTION" and changed:
+                self.frictions.setdefault(changed, {})[self.steps[-1]] = card
+                changed = ""
+            elif reader is None:
                 if card.keyword != "STATIC":
                     raise card.error("it does not belong into a step; put it before the first *STEP")
+            if reader is None:
                 continue
             kind, method = reader
             if card.get("OP") not in (None, "MOD", "NEW"):
@@ -256,7 +269,7 @@ class History:
         for key, given in found.items():
             before = self._last(key)
             late = key[0] == "u" and key not in self.curves and phase.number > 1
-            if late and key[1] not in self.references:
+            if late and key[1] not in self.bolts:
                 name = self.model.node_names[key[1]]
                 self.model.note("refused", given[0].card, f"node {name} is held from step {phase.number} on: "
                                 "supports last from the first step on", given[0].row.where)
@@ -308,6 +321,15 @@ class History:
                 raise card.error(f"times increase, but {a[0]:g} is followed by {b[0]:g}; correct them")
         return tuple(points), card.get("TIME") == "TOTALTIME" or card.get("TIME") == "TOTAL TIME"
 
+    def changing(self, name: str, first: float, of: Callable[[Card], float]) -> Curve:
+        """A number of an interaction that steps change at their begin."""
+        curve: Curve = ((0.0, first),)
+        for step, card in self.frictions.get(name, {}).items():
+            soon = step.start + _JUMP * (step.end - step.start)
+            before = (*curve, (step.start, curve[-1][1])) if step.start else ()
+            curve = (*before, (soon, of(card)))
+        return curve
+
     # --- as values of a scene ---------------------------------------------------------------------
     @property
     def static(self) -> bool:
@@ -338,6 +360,15 @@ class History:
             return last
         times = [t for t, _ in curve]
         return Amplitude(times, [round(v / size, 12) for _, v in curve]) * size
+
+
+def combined(terms: Sequence[tuple[float, Curve]]) -> Curve:
+    """Sum of factors times curves."""
+    found = [(factor, curve) for factor, curve in terms if factor and any(v for _, v in curve)]
+    if not found:
+        return ((0.0, 0.0),)
+    times = sorted({t for _, curve in found for t, _ in curve})
+    return tuple((t, sum(factor * _at(curve, t) for factor, curve in found)) for t in times)
 
 
 def _at(points: Curve, t: float) -> float:

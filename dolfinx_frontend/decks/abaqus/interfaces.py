@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,19 +12,19 @@ from scipy.spatial import cKDTree
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.decks.abaqus.axes import Axes
 from dolfinx_frontend.decks.abaqus.cards import Card, Row, Where, placed
-from dolfinx_frontend.decks.abaqus.elements import FACES, listed
+from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, listed
+from dolfinx_frontend.decks.abaqus.faces import Faces, Sides
 from dolfinx_frontend.decks.abaqus.history import History
+from dolfinx_frontend.decks.abaqus.links import Links, unused
 from dolfinx_frontend.decks.abaqus.model import Interaction, Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
 from dolfinx_frontend.scene.scene import Scene
 
-__all__ = ["Body", "Faces", "Joints", "cuts_of", "references_of"]
-
-Sides = dict[int, Pairs]
-"""Faces by piece."""
+__all__ = ["Body", "Joints", "cuts_of", "references_of"]
 
 _TOUCHING = 1e-6
 """Overlap of faces, relative to their size, that is rounding of the deck."""
@@ -33,66 +33,6 @@ _FORMULATIONS = ("SURFACE TO SURFACE", "NODE TO SURFACE", "MORTAR", "LINMORTAR",
 
 _REACH = 0.25
 """Distance, relative to the size of a facet, up to which faces are looked for unless a deck has more."""
-
-
-class Faces:
-    """Named faces of the pieces: what is asked for is made of faces that do not overlap."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
-        self._asked: list[tuple[str, Sides]] = []
-        self._names: list[dict[int, list[str]]] = []
-        self.of_piece: dict[int, dict[str, Pairs]] = {}
-
-    def ask(self, label: str, sides: Mapping[int, Pairs]) -> int:
-        """Number under which the names of these faces are found later."""
-        wanted = {p: sorted(set(pairs)) for p, pairs in sides.items()}
-        for k, (_, before) in enumerate(self._asked):
-            if before == wanted:
-                return k
-        self._asked.append((label, wanted))
-        return len(self._asked) - 1
-
-    def taken(self) -> set[tuple[int, int]]:
-        """All faces that have been asked for."""
-        return {side for _, sides in self._asked for pairs in sides.values() for side in pairs}
-
-    def divide(self) -> None:
-        """Make faces of all that has been asked for."""
-        asked_by: dict[int, dict[tuple[int, int], list[int]]] = {}
-        for k, (_, sides) in enumerate(self._asked):
-            for p, pairs in sides.items():
-                for side in pairs:
-                    asked_by.setdefault(p, {}).setdefault(side, []).append(k)
-        self._names = [{} for _ in self._asked]
-        for p, of_side in asked_by.items():
-            groups: dict[tuple[int, ...], Pairs] = {}
-            for side, asking in of_side.items():
-                groups.setdefault(tuple(asking), []).append(side)
-            for numbers, pairs in groups.items():
-                name = self.add(p, self._asked[numbers[0]][0], pairs)
-                for k in numbers:
-                    self._names[k].setdefault(p, []).append(name)
-
-    def add(self, p: int, label: str, pairs: Pairs) -> str:
-        """A face of a piece under the name of a label, or one like it."""
-        names = self.of_piece.setdefault(p, {})
-        base = "".join(c if c.isalnum() or c in "._- " else "_" for c in label) or "face"
-        name, number = base, 2
-        while name in names or name == "free":
-            name, number = f"{base}#{number}", number + 1
-        names[name] = pairs
-        return name
-
-    def named(self, asked: int) -> list[tuple[int, str, Pairs]]:
-        """Piece, name and faces of what was asked for."""
-        return [
-            (p, name, self.of_piece[p][name]) for p, names in self._names[asked].items() for name in names
-        ]
-
-    def text(self, p: int, name: str) -> str:
-        """As a scene writes it."""
-        return f"{self.mesh.pieces[p].name}:{name}"
 
 
 @dataclass
@@ -118,6 +58,11 @@ class Body:
     turning: int | None
     rigid: bool
     card: tuple[Where, str]
+
+    @property
+    def nodes(self) -> set[int]:
+        """Its reference nodes."""
+        return {self.reference} if self.turning is None else {self.reference, self.turning}
 
 
 class Distance(NamedTuple):
@@ -150,22 +95,26 @@ def cuts_of(model: Model) -> list[tuple[Card, str, Pairs]]:
     return found
 
 
-def references_of(model: Model) -> frozenset[int]:
-    """Nodes that stand for bolts and bodies."""
-    found: set[int] = set()
-    needed = {"PRE-TENSION SECTION": "NODE", "RIGID BODY": "REFNODE", "COUPLING": "REFNODE"}
+def references_of(model: Model) -> tuple[frozenset[int], frozenset[int]]:
+    """Nodes that stand for bolts and bodies or belong to no solid, and those of bolts."""
+    found = set(range(len(model.x))).difference(*(e.nodes for e in model.elements if e.kind in KINDS))
+    bolts: set[int] = set()
+    needed = {"PRE-TENSION SECTION": "NODE"}
+    needed |= dict.fromkeys(("RIGID BODY", "COUPLING", "KINEMATIC COUPLING"), "REFNODE")
     for card in (*model.joints, *model.couplings):
         words = [card.need(needed[card.keyword])] if card.keyword in needed else []
         words += filter(None, [card.get("ROTNODE")])
-        found.update(model.root.one_node(card, word, card.where) for word in words)
-    return frozenset(found)
+        nodes = {model.root.one_node(card, word, card.where) for word in words}
+        found |= nodes
+        bolts |= nodes if card.keyword == "PRE-TENSION SECTION" else set()
+    return frozenset(found), frozenset(bolts)
 
 
 class Joints:
     """All joints of a deck, as faces that are asked for and laws."""
 
-    def __init__(self, model: Model, mesh: Mesh, history: History, faces: Faces) -> None:
-        self.model, self.mesh, self.history, self.faces = model, mesh, history, faces
+    def __init__(self, mesh: Mesh, history: History, faces: Faces, links: Links) -> None:
+        self.model, self.mesh, self.history, self.faces, self.links = mesh.model, mesh, history, faces, links
         self.joints: list[Joint] = []
         self.bodies: list[Body] = []
 
@@ -182,6 +131,8 @@ class Joints:
                 self._tie(card)
             elif card.keyword == "RIGID BODY":
                 self._rigid_body(card)
+            elif card.keyword == "KINEMATIC COUPLING":
+                self._kinematic(card)
         for card in self.model.couplings:
             self._coupling(card)
         used = [c for c in self.model.joints if c.keyword == "CLEARANCE" and "_USED" not in c.parameters]
@@ -287,15 +238,15 @@ class Joints:
 
     def _contact(self, card: Card, row: Row) -> None:
         names, (slave, master) = self._surfaces(card, row)
-        interaction = self.model.interactions.get(card.need("INTERACTION"))
+        named = card.need("INTERACTION")
+        interaction = self.model.interactions.get(named)
         if interaction is None:
             known = ", ".join(self.model.interactions) or "none"
-            wanted = card.get("INTERACTION")
-            raise card.error(f"there is no interaction {wanted!r} (known: {known}); define it")
+            raise card.error(f"there is no interaction {named!r} (known: {known}); define it")
         self._formulation(card)
         apart = self._distance(slave, master)
         gap = self._gap(card, row, names, apart)
-        law = self._law(interaction, gap, apart)
+        law = self._law(named, interaction, gap, apart)
         first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
         if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
             raise card.error("both surfaces are the same; name two", row.where)
@@ -346,9 +297,11 @@ class Joints:
             )
         return 0.0
 
-    def _law(self, interaction: Interaction, gap: float | None, apart: Distance) -> Law:
+    def _law(self, name: str, interaction: Interaction, gap: float | None, apart: Distance) -> Law:
         stiffness, tied = self._behavior(interaction)
-        friction, stick = self._friction(interaction)
+        mu, stick = (0.0, None) if interaction.friction is None else self._friction(interaction.friction)
+        curve = self.history.changing(name, mu, lambda card: self._friction(card)[0])
+        friction = self.history.value(curve) if any(v for _, v in curve) else None
         if tied:
             return Elastic(normal=stiffness, tangential=stick or stiffness)
         inside = gap is None and apart.least < -_TOUCHING * apart.extent
@@ -385,14 +338,11 @@ class Joints:
             self.model.note("changed", card, f"{kind}: a contact stiffness of {stiffness:.6g} per area")
         return stiffness, kind == "TIED"
 
-    def _friction(self, interaction: Interaction) -> tuple[float | None, float | None]:
+    def _friction(self, card: Card) -> tuple[float, float | None]:
         """Coefficient of friction, and the stiffness of sticking points."""
-        card = interaction.friction
-        if card is None:
-            return None, None
         if "ROUGH" in card.parameters:
             self.model.note("refused", card, "ROUGH: give a coefficient")
-            return None, None
+            return 0.0, None
         if not card.rows:
             raise card.error("friction without a coefficient; give it in the next line")
         mu = card.number(card.rows[0], 0, "friction coefficient")
@@ -403,7 +353,7 @@ class Joints:
             raise card.error(f"the stick slope {stick:g} is negative; it is > 0", card.rows[0].where)
         if len(card.rows) > 1:
             self.model.note("refused", card, "friction that depends on anything; give one coefficient")
-        return mu or None, stick
+        return mu, stick
 
     # --- ties and bodies ----------------------------------------------------------------------------
     def _tie(self, card: Card) -> None:
@@ -426,61 +376,87 @@ class Joints:
 
     def _rigid_body(self, card: Card) -> None:
         root, mesh = self.model.root, self.mesh
+        node = root.one_node(card, card.need("REFNODE"), card.where)
+        word = card.get("ROTNODE")
+        turning = None if word is None else root.one_node(card, word, card.where)
         if card.get("NSET", "PINNSET", "TIENSET") is not None:
             word = card.need("NSET", "PINNSET", "TIENSET")
-            sides = self._of_nodes(card, root.node_rows(card, word, card.where), card.where)
-        else:
-            word = card.need("ELSET")
-            members = set(root.element_rows(card, word, card.where))
-            sides = {}
-            for p, piece in enumerate(mesh.pieces):
-                pairs = [side for side in piece.exterior if side[0] in members]
-                if pairs:
-                    sides[p] = pairs
-        turning = card.get("ROTNODE")
-        self._body(card, f"rigid {word}", sides, "REFNODE", turning, True)
+            self._follow(card, f"rigid {word}", root.node_rows(card, word, card.where), node, turning)
+            return
+        word = card.need("ELSET")
+        members = set(root.element_rows(card, word, card.where))
+        found = {p: [s for s in piece.exterior if s[0] in members] for p, piece in enumerate(mesh.pieces)}
+        sides = {p: pairs for p, pairs in found.items() if pairs}
+        self._body(card, f"rigid {word}", sides, node, turning, True)
 
-    def _of_nodes(self, card: Card, nodes: list[int], where: Where) -> Sides:
-        """Faces of which all nodes are among some, and which have all of them."""
-        wanted = set(nodes)
+    def _kinematic(self, card: Card) -> None:
+        root = self.model.root
+        node = root.one_node(card, card.need("REFNODE"), card.where)
+        by_components: dict[tuple[int, int], list[int]] = {}
+        for row in card.rows:
+            first = card.whole(row, 1, "first component", default=1)
+            last = card.whole(row, 2, "last component", default=first if "".join(row.words[1:]) else 6)
+            by_components.setdefault((first, last), []).extend(root.node_rows(card, row.words[0], row.where))
+        axes = self.links.orientation(root, card)
+        for (first, last), nodes in by_components.items():
+            name = f"coupling {card.need('REFNODE')}"
+            self._follow(card, name, nodes, node, None, range(first, last + 1), axes)
+
+    def _of_nodes(self, nodes: list[int]) -> Sides | None:
+        """Faces of which all nodes are among some, if these have all of them."""
+        wanted = set(nodes) - self.history.references
         found = {p: self.mesh.at_nodes(piece, wanted) for p, piece in enumerate(self.mesh.pieces)}
         sides = {p: pairs for p, pairs in found.items() if pairs}
         rest = wanted - {n for pairs in sides.values() for side in pairs for n in self.mesh.face(side)}
-        rest -= self.history.references
-        if rest or not sides:
-            names = ", ".join(self.model.node_names[n] for n in sorted(rest)[:3])
-            raise card.error(f"its nodes ({names}) do not make up whole faces; name those of faces", where)
-        return sides
+        return None if rest else sides or None
+
+    def _follow(
+        self, card: Card, name: str, nodes: list[int], reference: int, turning: int | None = None,
+        components: Iterable[int] = (), axes: Axes | None = None,
+    ) -> None:
+        """Nodes that follow a reference node; whole faces in all components are a rigid body."""
+        sides = self._of_nodes(nodes)
+        wanted, dim = set(components), self.mesh.pieces[0].kind.dim
+        single = {reference, turning} & (self.links.named() | set(self.model.transforms))
+        if sides and not single and (not wanted or set(range(1, dim + 1)) <= wanted):
+            self._body(card, name, sides, reference, turning, True)
+        else:
+            self.links.follow(card, nodes, reference, turning, wanted, axes)
 
     def _body(
-        self, card: Card, name: str, sides: Sides, reference: str, turning: str | None, rigid: bool
+        self, card: Card, name: str, sides: Sides, node: int, turning: int | None, rigid: bool
     ) -> None:
-        root = self.model.root
-        node = root.one_node(card, card.need(reference), card.where)
-        turn = None if turning is None else root.one_node(card, turning, card.where)
+        if {node, turning} & (self.links.named() | set(self.model.transforms)):
+            raise card.error(f"{name}: its node has equations, springs or *TRANSFORM; use *KINEMATIC")
         asked = self.faces.ask(name, sides)
-        self.bodies.append(Body(name, asked, node, turn, rigid, (card.where, card.keyword)))
+        self.bodies.append(Body(name, asked, node, turning, rigid, (card.where, card.keyword)))
 
     def _coupling(self, card: Card) -> None:
         kind = card.get("_KIND")
         if kind is None:
             raise card.error("*KINEMATIC or *DISTRIBUTING has to follow; add it")
         word = card.need("SURFACE")
+        node = self.model.root.one_node(card, card.need("REFNODE"), card.where)
         scope, surface = self.model.root.surface(card, word, card.where)
+        name = f"coupling {card.get('CONSTRAINTNAME') or word}"
         if surface.nodal:
             nodes = [n for r in surface.card.rows for n in scope.node_rows(surface.card, r.words[0], r.where)]
-            sides = self._of_nodes(card, nodes, card.where)
+            sides = self._of_nodes(nodes)
         else:
             sides = self.mesh.sides(self.model.root, card, word, card.where)
+            count = len(self.model.x)
+            on = (n for pairs in sides.values() for side in pairs for n in self.mesh.face(side) if n < count)
+            nodes = list(dict.fromkeys(on))
         held: set[int] = set()
         for row in card.rows:
             first = card.whole(row, 0, "first component")
             held |= set(range(first, card.whole(row, 1, "last component", default=first) + 1))
-        count = self.mesh.pieces[0].kind.dim
-        if kind == "KINEMATIC" and held and not set(range(1, count + 1)) <= held:
-            self.model.note("refused", card, f"KINEMATIC of components {sorted(held)}: couple all")
-        name = f"coupling {card.get('CONSTRAINTNAME') or word}"
-        self._body(card, name, sides, "REFNODE", None, kind == "KINEMATIC")
+        if kind == "KINEMATIC":
+            self._follow(card, name, nodes, node, None, held, self.links.orientation(scope, card))
+        elif sides is None:
+            raise card.error("its nodes do not make up whole faces; name those of faces")
+        else:
+            self._body(card, name, sides, node, None, False)
 
     # --- geometry ---------------------------------------------------------------------------------
     def _plane(self, side: tuple[int, int]) -> tuple[Array, Array, float]:
@@ -534,7 +510,7 @@ class Joints:
             for (p, one, ours), (q, two, theirs) in near:
                 with placed(*joint.card):
                     scene.interface(
-                        _unused(joint.name, used), self.faces.text(p, one), self.faces.text(q, two),
+                        unused(joint.name, used), self.faces.text(p, one), self.faces.text(q, two),
                         joint.law, **self._settings(joint, ours, theirs),
                     )
         for body in self.bodies:
@@ -573,7 +549,7 @@ class Joints:
         faces = self.faces.named(body.faces)
         names = [self.faces.text(p, name) for p, name, _ in faces]
         x = tuple(listed(self.mesh.x[body.reference, :dim]))
-        name = _unused(body.name, used)
+        name = unused(body.name, used)
         if not body.rigid and (motions or len(names) > 1):
             raise SceneError("a distributing coupling takes forces on one part, no motions; use *KINEMATIC")
         if body.rigid:
@@ -584,12 +560,3 @@ class Joints:
         turned = any(k > 3 for k in loads)
         if loads:
             scene.force(names[0], force, moment if turned else None, x, f"force on {name}")
-
-
-def _unused(name: str, used: set[str]) -> str:
-    base = "".join(c if c.isprintable() and c != ":" else "_" for c in name)
-    found, number = base, 2
-    while found in used:
-        found, number = f"{base}#{number}", number + 1
-    used.add(found)
-    return found

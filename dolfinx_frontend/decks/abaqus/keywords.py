@@ -9,6 +9,7 @@ __all__ = ["IGNORED", "REFUSED", "REPRESENTED", "fate"]
 _LOAD = "OP AMPLITUDE"
 REPRESENTED = {
     "NODE": "NSET SYSTEM INPUT", "ELEMENT": "TYPE ELSET INPUT", "NGEN": "NSET LINE",
+    "NFILL": "NSET BIAS SINGULAR", "ELGEN": "ELSET", "SYSTEM": "",
     "NSET": "NSET GENERATE INSTANCE ELSET INPUT UNSORTED INTERNAL",
     "ELSET": "ELSET GENERATE INSTANCE INPUT UNSORTED INTERNAL",
     "SURFACE": "NAME TYPE INTERNAL", "PART": "NAME", "END PART": "", "INSTANCE": "NAME PART",
@@ -21,7 +22,9 @@ REPRESENTED = {
     "TIE": "NAME POSITIONTOLERANCE ADJUST CYCLICSYMMETRY MULTISTAGE TYPE",
     "PRE-TENSION SECTION": "SURFACE NODE ELEMENT",
     "RIGID BODY": "NSET PINNSET TIENSET ELSET REFNODE ROTNODE",
-    "COUPLING": "REFNODE SURFACE CONSTRAINTNAME", "KINEMATIC": "", "DISTRIBUTING": "",
+    "COUPLING": "REFNODE SURFACE CONSTRAINTNAME ORIENTATION", "KINEMATIC": "", "DISTRIBUTING": "",
+    "KINEMATIC COUPLING": "REFNODE ORIENTATION", "DISTRIBUTING COUPLING": "ELSET",
+    "EQUATION": "", "SPRING": "ELSET NONLINEAR ORIENTATION", "CHANGE FRICTION": "INTERACTION",
     "INITIAL CONDITIONS": "TYPE", "STEP": "NAME INC NLGEOM PERTURBATION AMPLITUDE", "END STEP": "",
     "STATIC": "DIRECT SOLVER", "BOUNDARY": "OP AMPLITUDE FIXED",
     "CLOAD": _LOAD, "DLOAD": _LOAD, "DSLOAD": _LOAD, "TEMPERATURE": _LOAD,
@@ -35,7 +38,6 @@ IGNORED = {
 }
 """Keyword -> why, if that is not plain; so are all that end in PRINT, FILE or OUTPUT."""
 
-_NOT_YET = "it is not read yet"
 REFUSED = {
     "CYCLIC SYMMETRY MODEL": "cut symmetry has no interface here; model a sector between symmetry planes",
     "FREQUENCY": "no vibrations", "BUCKLE": "no stability", "COMPLEX FREQUENCY": "no vibrations",
@@ -56,11 +58,8 @@ REFUSED = {
     "RADIATE": "no heat transfer", "SUBMODEL": "no submodels", "GREEN": "no Green functions",
     "REFINE MESH": "use solve(scene, accuracy=...)", "SUBSTRUCTURE GENERATE": "no condensed parts",
     "SHELL SECTION": "solids only", "BEAM SECTION": "solids only", "BEAM GENERAL SECTION": "solids only",
-    "MEMBRANE SECTION": "solids only", "EQUATION": _NOT_YET, "SPRING": _NOT_YET, "GAP": _NOT_YET,
-    "DASHPOT": "no dynamics", "NFILL": _NOT_YET, "ELGEN": _NOT_YET, "SYSTEM": _NOT_YET,
-    "DISTRIBUTING COUPLING": f"{_NOT_YET}; use *COUPLING with *DISTRIBUTING",
-    "KINEMATIC COUPLING": f"{_NOT_YET}; use *COUPLING with *KINEMATIC",
-    "CHANGE FRICTION": _NOT_YET, "ADJUST": _NOT_YET, "MASS": _NOT_YET, "CHANGE SURFACE BEHAVIOR": _NOT_YET,
+    "MEMBRANE SECTION": "solids only", "DASHPOT": "no dynamics",
+    **dict.fromkeys(("GAP", "ADJUST", "MASS", "CHANGE SURFACE BEHAVIOR"), "it is not read yet"),
     "CONTACT": "general contact finds its own pairs; write them, *CONTACT PAIR",
     "INCLUDE": "it has no INPUT=",
 }

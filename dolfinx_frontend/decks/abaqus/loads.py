@@ -11,13 +11,14 @@ from dolfinx import fem, geometry
 from dolfinx import mesh as dmesh
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.cards import placed
 from dolfinx_frontend.decks.abaqus.elements import listed
-from dolfinx_frontend.decks.abaqus.history import Curve, Given, History
-from dolfinx_frontend.decks.abaqus.interfaces import Faces
+from dolfinx_frontend.decks.abaqus.faces import Faces
+from dolfinx_frontend.decks.abaqus.history import Curve, Given, History, combined
+from dolfinx_frontend.decks.abaqus.links import Links, unused
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs, Piece
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.scene import Scene
@@ -66,13 +67,13 @@ class Nodal:
 class Loads:
     """All that acts on the pieces of a deck."""
 
-    def __init__(self, mesh: Mesh, history: History, faces: Faces) -> None:
-        self.mesh, self.history, self.faces = mesh, history, faces
+    def __init__(self, mesh: Mesh, history: History, faces: Faces, links: Links) -> None:
+        self.mesh, self.history, self.faces, self.links = mesh, history, faces, links
         self.model = mesh.model
         self.dim = mesh.pieces[0].kind.dim
         self._pressures: list[tuple[Curve, Given, int]] = []
-        self._supports: list[tuple[int, str, tuple[int, ...], Curve | None, Given]] = []
-        self._points: list[tuple[int, int, tuple[int, ...], Curve, Given]] = []
+        self._supports: list[tuple[int, str, tuple[int, ...], Curve | None, Given, Array]] = []
+        self._points: list[tuple[int, int, tuple[int, ...], Curve, Given, Array]] = []
         self._used: set[str] = set()
         self._held = np.full((0, 3), -1, dtype=np.int64)
         self._curves: list[Curve] = []
@@ -113,48 +114,69 @@ class Loads:
                 continue
             covered = self._held_faces(p, piece, taken)
             for node in held:
-                self._held_point(p, node, self._held[node], covered.get(node, set()), self._givers[node])
-            self._held_middles(p, piece, taken)
+                self._held_point(p, node, covered)
+            self._held_middles(p, piece, covered)
+
+    def _axes(self, node: int, like: int | None = None) -> Array:
+        """Directions (dim, dim) of the components of a node; of one that was added, as of another."""
+        own = self.model.transforms.get(node if like is None else like)
+        rows: Array = np.eye(3) if own is None else own.at(self.mesh.x[node])
+        return rows[: self.dim, : self.dim]
 
     def _held_faces(self, p: int, piece: Piece, taken: set[tuple[int, int]]) -> dict[int, set[int]]:
-        """Faces of which all nodes are held; returns the components that they hold at each node."""
+        """Faces of which all nodes are held along one direction; returns the components held at each node."""
         count = len(self._held)
-        groups: dict[tuple[int, ...], Pairs] = {}
+        groups: dict[tuple[tuple[int, ...], tuple[float, ...]], Pairs] = {}
         for side in piece.exterior:
             if side in taken:
                 continue
-            found = self._held[[n for n in self.mesh.face(side) if n < count]]
-            signature = tuple(
-                -1 if (column < 0).any() else int(column[0]) if (column == column[0]).all() else _VARIES
-                for column in found.T
-            )
+            nodes = [n for n in self.mesh.face(side) if n < count]
+            found = self._held[nodes]
+            alike, key = np.ones(3, dtype=bool), ()
+            if any(n in self.model.transforms for n in nodes):
+                every = np.array([self._axes(n) for n in nodes])
+                alike = np.abs(every - every[0]).max(axis=(0, 2)) < _NEAR
+                key = tuple(listed(np.round(every[0].ravel(), 12)))
+            several = (found != found[0]).any(axis=0)
+            held = (found >= 0).all(axis=0) & np.resize(alike, 3)
+            signature = tuple(listed(np.where(held, np.where(several, _VARIES, found[0]), -1)))
             if any(s != -1 for s in signature):
-                groups.setdefault(signature, []).append(side)
+                groups.setdefault((signature, key), []).append(side)
         covered: dict[int, set[int]] = {}
-        for signature, pairs in groups.items():
-            on = [n for side in pairs for n in self.mesh.face(side)]
+        for (signature, _), pairs in groups.items():
+            on = [n for side in pairs for n in (*self.mesh.face(side), *self.mesh.between(side))]
             label = Counter(self._givers[n].target for n in on if n < count).most_common(1)[0][0]
             given = next(self._givers[n] for n in on if n < count and self._givers[n].target == label)
             name = self.faces.add(p, label, pairs)
             for n in on:
                 covered.setdefault(n, set()).update(c for c in range(3) if signature[c] != -1)
+            axes = self._axes(on[0])
             for s, components in _alike(signature).items():
-                self._supports.append((p, name, components, None if s == _VARIES else self._curves[s], given))
+                curve = None if s == _VARIES else self._curves[s]
+                self._supports.append((p, name, components, curve, given, axes))
         return covered
 
-    def _held_middles(self, p: int, piece: Piece, taken: set[tuple[int, int]]) -> None:
-        """Hold the nodes that were added at the middle of faces that joints have, and that are held."""
-        for side in piece.exterior:
-            nodes = self.mesh.face(side)
-            if side in taken and nodes[-1] >= len(self._held) and nodes[0] in self._givers:
-                found = self._held[nodes[:-1]]
-                same = np.where((found == found[0]).all(axis=0), found[0], -1)
-                self._held_point(p, nodes[-1], same, set(), self._givers[nodes[0]])
+    def _held_middles(self, p: int, piece: Piece, covered: Mapping[int, set[int]]) -> None:
+        """Hold the nodes that displacements have between those that are held, but by no support of a face."""
+        found = {n: own for side in piece.exterior for n, own in self.mesh.between(side).items()}
+        for node, shares in found.items():
+            parents = list(shares)
+            if not all(n in self._givers for n in parents):
+                continue
+            held = self._held[parents]
+            for c in np.flatnonzero((held >= 0).all(axis=0)):
+                curve = self._curves[held[0, c]]
+                if (held[:, c] != held[0, c]).any():
+                    curve = combined([(w, self._curves[k]) for w, k in zip(shares.values(), held[:, c])])
+                if c not in covered.get(node, ()):
+                    axes = self._axes(node, parents[0])
+                    self._points.append((p, node, (int(c),), curve, self._givers[parents[0]], axes))
 
-    def _held_point(self, p: int, node: int, numbers: Ints, covered: set[int], given: Given) -> None:
-        rest = tuple(-1 if c in covered else s for c, s in enumerate(listed(numbers)))
+    def _held_point(self, p: int, node: int, covered: Mapping[int, set[int]]) -> None:
+        done, given = covered.get(node, set()), self._givers[node]
+        rest = tuple(-1 if c in done else s for c, s in enumerate(listed(self._held[node])))
         for s, components in _alike(rest).items():
-            self._points.append((p, node, components, self._curves[s], given))
+            self._points.append((p, node, components, self._curves[s], given, self._axes(node)))
 
     def _nodal(self, scene: Scene, piece: Piece, curves: Mapping[int, tuple[Curve, ...]], count: int) -> Any:
         """A field of some components, of node -> curves: a function of the points, or a sum of amplitudes
@@ -182,12 +204,7 @@ class Loads:
 
     # --- into a scene ---------------------------------------------------------------------------------
     def _name(self, label: str) -> str:
-        base, number = "".join(c if c.isprintable() and c != ":" else "_" for c in label), 2
-        name = base
-        while name in self._used:
-            name, number = f"{base}#{number}", number + 1
-        self._used.add(name)
-        return name
+        return unused(label, self._used)
 
     def put(
         self, scene: Scene, densities: Mapping[str, float], alphas: Mapping[str, Any], thickness: float
@@ -199,19 +216,20 @@ class Loads:
             n: tuple(self._curves[k] if k >= 0 else zero for k in listed(self._held[n, : self.dim]))
             for n in self._givers
         }
-        for p, name, components, curve, given in self._supports:
+        for p, name, components, curve, given, axes in self._supports:
             with placed(given.row.where, given.card.keyword):
                 value = (
                     self._nodal(scene, self.mesh.pieces[p], by_node, self.dim) if curve is None
                     else self.history.value(curve)
                 )
-                scene.fix(self.faces.text(p, name), value, components, self._name(name))
-        for p, node, components, curve, given in self._points:
+                scene.fix(self.faces.text(p, name), value, components, self._name(name), _unless_global(axes))
+        for p, node, components, curve, given, axes in self._points:
             x = listed(self.mesh.x[node, : self.dim])
             with placed(given.row.where, given.card.keyword):
                 value = self.history.value(curve)
                 name = self._name(f"{given.target} node")
-                scene.fix_point(self.mesh.pieces[p].name, x, value, components, name)
+                part = self.mesh.pieces[p].name
+                scene.fix_point(part, x, value, components, name, _unless_global(axes))
         for curve, given, asked in self._pressures:
             for p, face, _ in self.faces.named(asked):
                 with placed(given.row.where, given.card.keyword):
@@ -223,17 +241,16 @@ class Loads:
 
     def _forces(self, scene: Scene) -> None:
         by_node: dict[int, dict[int, Curve]] = {}
+        givers: dict[int, Given] = {}
         for key, curve in self.history.curves.items():
-            if key[0] == "f" and key[1] not in self.history.references and any(v for _, v in curve):
+            if key[0] == "f" and key[1] not in self.links.others and any(v for _, v in curve):
                 by_node.setdefault(key[1], {})[key[2]] = curve
-        for node, curves in by_node.items():
-            given = self.history.given["f", node, min(curves)]
+                givers[key[1]] = self.history.given[key]
+        zero: Curve = ((0.0, 0.0),)
+        for node, curves, given in self.links.forces(by_node, givers):
             if max(curves) > self.dim:
                 raise given.error(f"component {max(curves)} of a node of a solid; give forces along axes")
-            if node not in self.mesh.pieces_of_node:
-                raise given.error(f"node {self.model.node_names[node]} belongs to no element")
             p = self.mesh.pieces_of_node[node][0]
-            zero: Curve = ((0.0, 0.0),)
             x = listed(self.mesh.x[node, : self.dim])
             with placed(given.row.where, given.card.keyword):
                 force = tuple(self.history.value(curves.get(k, zero)) for k in range(1, self.dim + 1))
@@ -290,6 +307,11 @@ def _alike(signature: tuple[int, ...]) -> dict[int, tuple[int, ...]]:
     """Components by number, without those of -1."""
     found = {s: tuple(c for c, other in enumerate(signature) if other == s) for s in signature}
     return {s: components for s, components in found.items() if s != -1}
+
+
+def _unless_global(axes: Array) -> Any:
+    """Axes that a support takes; None: the global ones."""
+    return None if np.array_equal(axes, np.eye(len(axes))) else listed(axes)
 
 
 def _outward(weight: float, origin: Array, axis: Array) -> Callable[[Array], Array]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.decks.abaqus.axes import axes_of
 from dolfinx_frontend.decks.abaqus.cards import Card, Row
 from dolfinx_frontend.decks.abaqus.model import Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Piece
@@ -107,18 +108,10 @@ def _axes(piece: Piece) -> Array | None:
     found = scope.orientations.get(name) or scope.model.root.orientations.get(name)
     if found is None:
         raise card.error(f"there is no orientation {name!r}; define it")
-    if found.get("SYSTEM") not in (None, "RECTANGULAR"):
-        raise found.error(f"SYSTEM = {found.get('SYSTEM')!r} is not read; give RECTANGULAR")
-    if len(found.rows) > 1:
-        raise found.error("a turn about one of its axes is not read; turn the points", found.rows[1].where)
-    numbers = found.numbers(_row(found), 6, "coordinate")
-    a, b = np.array(numbers[:3]), np.array(numbers[3:])
-    third = np.cross(a, b)
-    if not np.linalg.norm(third) > 1e-9 * np.linalg.norm(a) * np.linalg.norm(b):
-        raise found.error("its two points lie on one line with the origin; give others", found.rows[0].where)
-    axes = np.array([a, np.cross(third, a), third])
-    axes /= np.linalg.norm(axes, axis=1)[:, None]
-    return axes if scope.turn is None else axes @ scope.turn.T
+    axes = axes_of(found, scope.turn, scope.shift)
+    if axes.round:
+        raise found.error("materials along cylindrical axes are not read; give pieces of it RECTANGULAR ones")
+    return axes.at(axes.origin)
 
 
 def expansion_of(model: Model, piece: Piece) -> Any:

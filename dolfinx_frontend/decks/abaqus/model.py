@@ -5,7 +5,6 @@ Nodes and elements are rows of one model, whatever instance they are in; scopes 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -13,15 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.decks.abaqus.axes import Axes, axes_of, turning
 from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, Where
 from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, REFERENCE_NODES
+from dolfinx_frontend.decks.abaqus.generated import copies, count, filled, place_of, system_of
 from dolfinx_frontend.decks.abaqus.keywords import REPRESENTED, fate
 from dolfinx_frontend.decks.lines import DeckError
 
 __all__ = ["Element", "Model", "Scope", "Surface"]
-
-_MOST = 50_000_000
-"""Members that GENERATE and the like may make; more is a slip."""
 
 
 class Element(NamedTuple):
@@ -78,6 +76,7 @@ class Scope:
     nsets: dict[str, list[int]] = field(default_factory=dict)
     elsets: dict[str, list[int]] = field(default_factory=dict)
     surfaces: dict[str, Surface] = field(default_factory=dict)
+    system: tuple[Array, Array] | None = None
     orientations: dict[str, Card] = field(default_factory=dict)
 
     def place(self, x: list[float]) -> list[float]:
@@ -144,6 +143,8 @@ class Model:
         self.interactions: dict[str, Interaction] = {}
         self.amplitudes: dict[str, Card] = {}
         self.joints: list[Card] = []
+        self.links: list[tuple[Scope, Card]] = []
+        self.transforms: dict[int, Axes] = {}
         self.couplings: list[Card] = []
         self.early: list[Card] = []
         self.steps: list[list[Card]] = []
@@ -159,6 +160,7 @@ class Model:
     def read(self, cards: list[Card]) -> None:
         """Take the cards of a deck, in order; what is refused is noted before anything else can be wrong."""
         iterator = iter([card for card in cards if self._represented(card)])
+        later: list[Card] = []
         for card in iterator:
             if card.keyword == "PART":
                 name = card.need("NAME")
@@ -169,8 +171,12 @@ class Model:
                 self._instance(card, list(self._until(iterator, card, "END INSTANCE")))
             elif card.keyword == "STEP":
                 self.steps.append([card, *self._until(iterator, card, "END STEP")])
+            elif card.keyword == "ELEMENT" and card.get("TYPE") in REFERENCE_NODES:
+                later.append(card)  # their nodes often follow
             else:
                 self.take(self.root, card)
+        for card in later:
+            self.take(self.root, card)
         if not self.elements:
             raise DeckError(f"{cards[-1].where}: the deck has no elements; add *ELEMENT, TYPE=...")
         if not self.steps:
@@ -206,8 +212,11 @@ class Model:
         reader = _READERS.get(card.keyword)
         if reader is not None:
             reader(self, scope, card)
-        elif card.keyword in ("CONTACT PAIR", "TIE", "PRE-TENSION SECTION", "RIGID BODY", "CLEARANCE"):
+        elif card.keyword in ("CONTACT PAIR", "TIE", "PRE-TENSION SECTION", "RIGID BODY", "CLEARANCE",
+                              "KINEMATIC COUPLING"):
             self.joints.append(card)
+        elif card.keyword in ("EQUATION", "SPRING", "DISTRIBUTING COUPLING"):
+            self.links.append((scope, card))
         elif card.keyword in ("BOUNDARY", "INITIAL CONDITIONS"):
             self.early.append(card)
         elif card.keyword not in ("ASSEMBLY", "END ASSEMBLY"):
@@ -237,35 +246,42 @@ class Model:
         return scope.nodes[number]
 
     def _node(self, scope: Scope, card: Card) -> None:
-        if card.get("SYSTEM") not in (None, "R"):
-            self.note("refused", card, "coordinates along cylinders or spheres are not read yet")
+        kind = card.get("SYSTEM") or "R"
+        if kind not in ("R", "C", "S"):
+            raise card.error(f"SYSTEM = {kind!r}; give R, C or S")
         into = _set_of(scope.nsets, card.get("NSET"))
         for row in card.rows:
             number = card.whole(row, 0, "number of the node")
-            into.append(self._add_node(scope, card, number, card.numbers(row, 3, "coordinate", 1), row.where))
+            x = place_of(card.numbers(row, 3, "coordinate", 1), kind)
+            if scope.system is not None:
+                x = [float(v) for v in np.array(x) @ scope.system[0] + scope.system[1]]
+            into.append(self._add_node(scope, card, number, x, row.where))
+
+    def _system(self, scope: Scope, card: Card) -> None:
+        scope.system = system_of(card)
 
     def _element(self, scope: Scope, card: Card) -> None:
         name = card.need("TYPE")
-        count = KINDS[name].nodes if name in KINDS else REFERENCE_NODES[name]
+        size = KINDS[name].nodes if name in KINDS else REFERENCE_NODES[name]
         if name in KINDS and KINDS[name].changed:
             self.note("changed", card, f"{name}: {KINDS[name].changed}")
         into = _set_of(scope.elsets, card.get("ELSET"))
         words, places = card.stream()
-        if len(words) % (count + 1):
+        if len(words) % (size + 1):
             raise card.error(
-                f"{name} has a number and {count} nodes, but {len(words)} words do not divide into "
-                f"{count + 1}; complete the last element", places[-1] if places else None
+                f"{name} has a number and {size} nodes, but {len(words)} words do not divide into "
+                f"{size + 1}; complete the last element", places[-1] if places else None
             )
-        for k in range(0, len(words), count + 1):
-            row = Row(places[k], words[k : k + count + 1])
+        for k in range(0, len(words), size + 1):
+            row = Row(places[k], words[k : k + size + 1])
             number = card.whole(row, 0, "number of the element")
             nodes = []
-            for j in range(1, count + 1):
+            for j in range(1, size + 1):
                 node = card.whole(row, j, "node")
                 if node not in scope.nodes:
                     raise card.error(f"element {number}: there is no node {node}; define it", places[k + j])
                 nodes.append(scope.nodes[node])
-            if len(set(nodes)) < count:
+            if len(set(nodes)) < size:
                 raise card.error(f"element {number} names a node twice; correct it", row.where)
             self._add_element(scope, card, number, Element(name, tuple(nodes), row.where), into)
 
@@ -294,17 +310,53 @@ class Model:
             first, last = card.whole(row, 0, "first node"), card.whole(row, 1, "last node")
             step = card.whole(row, 2, "increment", default=1)
             ends = [scope.one_node(card, str(n), row.where) for n in (first, last)]
-            count = _count(card, row, first, last, step) - 1
+            intervals = count(card, row, first, last, step) - 1
             if scope.turn is not None:
                 raise card.error("in an instance nodes are generated in its part; move it there", row.where)
             a, b = (np.array(self.x[e]) for e in ends)
-            for k in range(count + 1):
-                x = [float(v) for v in a + (b - a) * (k / max(count, 1))]
+            for k in range(intervals + 1):
+                x = [float(v) for v in a + (b - a) * (k / max(intervals, 1))]
                 number = first + k * step
                 into.append(
                     scope.nodes[number] if number in (first, last)
                     else self._add_node(scope, card, number, x, row.where)
                 )
+
+    def _nfill(self, scope: Scope, card: Card) -> None:
+        if card.get("BIAS") not in (None, "1", "1.", "1.0") or "SINGULAR" in card.parameters:
+            self.note("refused", card, "nodes at unequal distances; write them")
+            return
+        if scope.turn is not None:
+            raise card.error("in an instance nodes are generated in its part; move it there")
+        into = _set_of(scope.nsets, card.get("NSET"))
+        for row in card.rows:
+            if len(row.words) < 3:
+                raise card.error("two sets of nodes and a number of intervals are needed", row.where)
+            one, two = (scope.node_rows(card, word, row.where) for word in row.words[:2])
+            ends = [(self.number(a), self.x[a], self.x[b]) for a, b in zip(one, two)]
+            into += [*one, *two]
+            into += [self._add_node(scope, card, n, x, row.where) for n, x in filled(card, row, ends)]
+
+    def number(self, node: int) -> int:
+        """The number of a node in its deck."""
+        return int(self.node_names[node].rpartition(".")[2])
+
+    def _elgen(self, scope: Scope, card: Card) -> None:
+        into = _set_of(scope.elsets, card.get("ELSET"))
+        for row in card.rows:
+            number = card.whole(row, 0, "number of the element")
+            if number not in scope.elements:
+                raise card.error(f"there is no element {number}; define it before", row.where)
+            first = self.elements[scope.elements[number]]
+            into.append(scope.elements[number])
+            for element, node in copies(card, row):
+                wanted = [self.number(n) + node for n in first.nodes]
+                missing = [n for n in wanted if n not in scope.nodes]
+                if missing:
+                    what = f"element {number + element} has no node {missing[0]}"
+                    raise card.error(f"{what}; define it", row.where)
+                nodes = tuple(scope.nodes[n] for n in wanted)
+                self._add_element(scope, card, number + element, Element(first.kind, nodes, row.where), into)
 
     # --- sets and surfaces ----------------------------------------------------------------------
     def _nset(self, scope: Scope, card: Card) -> None:
@@ -326,7 +378,7 @@ class Model:
             if "GENERATE" in card.parameters:
                 first, last = card.whole(row, 0, "first"), card.whole(row, 1, "last")
                 step = card.whole(row, 2, "increment", default=1)
-                _count(card, row, first, last, step)
+                count(card, row, first, last, step)
                 numbers = inside.nodes if kind == "NSET" else inside.elements
                 found.update((numbers[n], None) for n in range(first, last + 1, step) if n in numbers)
                 continue
@@ -377,8 +429,9 @@ class Model:
         target[name] = card
 
     def _transform(self, scope: Scope, card: Card) -> None:
-        self.note("refused", card, "supports and loads along axes of their own are not read yet; "
-                  "write them along x, y and z")
+        axes = axes_of(card, scope.turn, scope.shift)
+        for node in scope.node_rows(card, card.need("NSET"), card.where):
+            self.transforms[node] = axes
 
     def _interaction(self, scope: Scope, card: Card) -> None:
         if card.keyword == "SURFACE INTERACTION":
@@ -433,16 +486,6 @@ def _set_of(sets: dict[str, list[int]], name: str | None) -> list[int]:
     return [] if name is None else sets.setdefault(name, [])
 
 
-def _count(card: Card, row: Row, first: int, last: int, step: int) -> int:
-    """Members of an arithmetic series."""
-    if last < first:
-        raise card.error(f"the last, {last}, is below the first, {first}; exchange them", row.where)
-    count = (last - first) // step + 1
-    if count > _MOST:
-        raise card.error(f"{count} members; give no more than {_MOST}", row.where)
-    return count
-
-
 def _placed(card: Card) -> tuple[Array | None, Array | None]:
     """Turn and shift of an instance: first shifted, then turned about an axis from a to b."""
     if not card.rows:
@@ -459,10 +502,7 @@ def _placed(card: Card) -> tuple[Array | None, Array | None]:
         length = float(np.linalg.norm(axis))
         if length == 0.0:
             raise card.error("its axis has no length; give two points", row.where)
-        a, b, c = axis / length
-        angle = math.radians(numbers[6])
-        cross: Array = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
-        turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+        turn = turning(np.asarray(axis / length, dtype=np.float64), numbers[6])
     return turn, turn @ (shift - origin) + origin
 
 
@@ -470,6 +510,9 @@ _READERS: dict[str, Callable[[Model, Scope, Card], None]] = {
     "NODE": Model._node,
     "ELEMENT": Model._element,
     "NGEN": Model._ngen,
+    "NFILL": Model._nfill,
+    "ELGEN": Model._elgen,
+    "SYSTEM": Model._system,
     "NSET": Model._nset,
     "ELSET": Model._elset,
     "SURFACE": Model._surface,

@@ -62,6 +62,7 @@ class Mesh:
     pieces_of_node: dict[int, list[int]] = field(default_factory=dict)
     _rows: dict[int, Ints] = field(default_factory=dict)
     _centres: dict[tuple[int, ...], int] = field(default_factory=dict)
+    _completed: set[int] = field(default_factory=set)
     _added: sp.csr_matrix | None = None
     _keys: dict[tuple[int, ...], tuple[int, int]] = field(default_factory=dict)
 
@@ -166,6 +167,35 @@ class Mesh:
         if kind.cell == "hexahedron" and kind.order == 2:
             found.append(self._centres[tuple(sorted(found[:4]))])
         return found
+
+    def between(self, side: tuple[int, int]) -> dict[int, dict[int, float]]:
+        """Nodes that displacements have on a face beside those of the deck -> nodes of the deck that they lie
+        between, and the shares of these in the displacement that the elements of the deck have there."""
+        p = int(self.of_element[side[0]])
+        kind = self.pieces[p].kind
+        if kind.dim == 3 and kind.cell == "hexahedron" and kind.order == 2:
+            *nodes, middle = self.face(side)
+            return {middle: dict(zip(nodes, [-0.25] * 4 + [0.5] * 4))}
+        if kind.degree == kind.order:
+            return {}
+        if p not in self._completed:
+            self._completed.add(p)
+            keys = {tuple(sorted(own)) for each in self.pieces[p].exterior for own in self._groups(each)}
+            new = [key for key in sorted(keys) if key not in self._centres]
+            self._centres.update(zip(new, range(len(self.x), len(self.x) + len(new))))
+            self.x = np.concatenate([self.x, *(self.x[list(key)].mean(axis=0, keepdims=True) for key in new)])
+            for key in keys:
+                self.pieces_of_node.setdefault(self._centres[key], []).append(p)
+        return {
+            self._centres[tuple(sorted(own))]: dict.fromkeys(own, 1.0 / len(own))
+            for own in self._groups(side)
+        }
+
+    def _groups(self, side: tuple[int, int]) -> list[list[int]]:
+        """Nodes of a face, and of its edges in space."""
+        nodes = self.face(side)
+        edges = [[a, b] for a, b in zip(nodes, [*nodes[1:], nodes[0]])]
+        return [nodes, *edges] if len(nodes) > 2 else [nodes]
 
     def extended(self, values: Array) -> Array:
         """Values at all nodes (nodes, ...) of those at the nodes of the deck."""
