@@ -276,6 +276,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "abaqus.history",
         "abaqus.pieces",
         "abaqus.faces",
+        "abaqus.facets",
         "abaqus.links",
         "abaqus.interfaces",
         "abaqus.materials",

@@ -309,3 +309,67 @@ def test_generated_meshes(tmp_path: Path) -> None:
     assert x.max(axis=0) == pytest.approx([25.0, 20.0, 5.0])
     assert np.abs(x - [5.0 + 10.0 * 2 / 3, 10.0 / 3, 0.0]).sum(axis=1).min() < 1e-9
     assert deck.scene().substructures["RING"].part.mesh.geometry.x[:, 2].max() == 5.0
+
+
+# --- what hangs together ----------------------------------------------------------------------------------
+def test_a_bolt_in_a_frame(tmp_path: Path) -> None:
+    """A closed frame is cut through one leg: it is two parts, glued elsewhere, and the leg has the force."""
+    frame = Brick("C3D8", "FRAME", (30.0, 30.0, 10.0), (3, 3, 1))
+    del frame.elements[4]
+    leg = frame.first + 2 + 1  # the middle of the leg at y = 0 stands on it
+    deck = deck_of(tmp_path, (
+        f"{frame.text()}{STEEL}*SURFACE, NAME=CUT\n{leg}, S6\n*NODE\n900, 0., 0., 0.\n"
+        "*PRE-TENSION SECTION, SURFACE=CUT, NODE=900\n*BOUNDARY\nFRAME_Z0, 3, 3\n"
+        f"{frame.nodes_at(1, True)[0]}, 1, 2\n{frame.nodes_at(1, True)[-1]}, 2, 2\n"
+        "*STEP\n*STATIC\n*CLOAD\n900, 1, 5000.\n*END STEP\n"
+    ))
+    assert deck.parts == ("FRAME", "FRAME#2")
+    result = solved(deck)
+    assert total(result, "CUT")[0] == pytest.approx(5000.0, rel=1e-9)
+    assert "FRAME|FRAME#2" in deck.scene().interfaces
+
+
+def test_parts_that_share_an_edge(tmp_path: Path) -> None:
+    """Two cubes that share the nodes of an edge: what pulls one along the edge holds the other."""
+    one = Brick("C3D20", "ONE", (1.0, 1.0, 1.0), (1, 1, 1))
+    two = Brick("C3D20", "TWO", (1.0, 1.0, 1.0), (1, 1, 1), (1.0, 1.0, 0.0), 100)
+    same = {b: a for a, x in one.x.items() for b, y in two.x.items() if np.allclose(x, y)}
+    own = [str(same.get(n, n)) for n in two.elements[0]]
+    element = f"*ELEMENT, TYPE=C3D20, ELSET=TWO\n500, {', '.join(own[:15])},\n{', '.join(own[15:])}\n"
+    nodes = "".join(f"{n}, {x[0]}, {x[1]}, {x[2]}\n" for n, x in two.x.items() if n not in same)
+    held = ", ".join(str(n) for n, x in two.x.items() if x[0] == 2.0)
+    deck = deck_of(tmp_path, (
+        f"{one.text()}{STEEL}*NODE\n{nodes}{element}*SOLID SECTION, ELSET=TWO, MATERIAL=STEEL\n"
+        f"*NSET, NSET=HELD\n{held}\n*BOUNDARY\nHELD, 1, 3\nONE_X0, 1, 2\nONE_Y0, 1, 2\n"
+        "*STEP\n*STATIC\n*DSLOAD\nSONE_Z1, P, -8.\n*END STEP\n"
+    ))
+    assert deck.parts == ("ONE", "TWO") and len(same) == 3
+    (values,) = solved(deck, options=lf.Options(rtol=1e-9)).table("HELD").rows()
+    assert values["force_z"] == pytest.approx(-8.0, rel=1e-6)
+
+
+def test_adjust_closes_a_part_of_a_gap(tmp_path: Path) -> None:
+    low = Brick("C3D8", "LOW", (10.0, 10.0, 5.0), (2, 2, 1))
+    high = Brick("C3D8", "HIGH", (10.0, 10.0, 5.0), (5, 5, 1), (0, 0, 5), 1000,
+                 mapping=lambda x: x + [0.0, 0.0, 1e-3 * x[0]])
+    deck = deck_of(tmp_path, (
+        f"{low.text()}{high.text()}{STEEL}*SURFACE INTERACTION, NAME=DRY\n"
+        "*CONTACT PAIR, INTERACTION=DRY, ADJUST=.005, TYPE=SURFACE TO SURFACE\nSHIGH_Z0, SLOW_Z1\n"
+        "*BOUNDARY\nLOW_Z0, 1, 3\nHIGH_Z1, 1, 3\n*STEP\n*STATIC\n*END STEP\n"
+    ))
+    gap = deck.scene().interfaces["SHIGH_Z0|SLOW_Z1"].law.parameters()["gap"]
+    points = np.array([[x, 4.0, 5.0] for x in (0.0, 4.0, 6.0, 10.0)])
+    assert gap(points) == pytest.approx([0.0, 0.0, 0.006, 0.01])
+
+
+@pytest.mark.parametrize(("cards", "words"), [
+    ("*STEP\n*STATIC\n*CLOAD, TIME DELAY=1.\nBAR_X1, 1, 1.\n*END STEP\n", ("the parameter TIMEDELAY",)),
+    ("*STEP, NLGEOM\n*STATIC\n*BOUNDARY\n900, 6, 6, 1.57\n*END STEP\n", ("rotation of 1.57",)),
+])
+def test_refused(cards: str, words: tuple[str, ...], tmp_path: Path) -> None:
+    bar = Brick("C3D8", "BAR", (L, 1.0, 1.0), (2, 1, 1))
+    head = f"{bar.text()}{SOFT}*NODE\n900, 0., 0., 0.\n*RIGIDBODY, NSET=BAR_X1, REF NODE=900\n"
+    with pytest.raises(DeckError) as caught:
+        deck_of(tmp_path, f"{head}*BOUNDARY\nBAR_X0, 1, 3\n{cards}").scene()
+    for word in words:
+        assert word in str(caught.value), str(caught.value)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import OBJECTS, opened
+from dolfinx_frontend.decks.abaqus.keywords import IGNORED, REFUSED, REPRESENTED
 from dolfinx_frontend.decks.lines import DeckError
 
 __all__ = ["Card", "Note", "Row", "Where", "placed", "read_cards"]
@@ -22,6 +23,9 @@ _BYTES = 1 << 30
 
 _FILES, _DEPTH = 10_000, 32
 """Files that a deck may include, and how deep."""
+
+SPELLED = {"".join(keyword.split()): keyword for keyword in (*REPRESENTED, *IGNORED, *REFUSED)}
+"""Keywords without their blanks, which some decks leave out."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d{1,12}")
@@ -187,7 +191,7 @@ class _Reader:
 
 def _card(where: Where, text: str, keep: bool = False) -> Card:
     words = text[1:].split(",")
-    keyword = " ".join(words[0].upper().split())
+    keyword = SPELLED.get("".join(words[0].upper().split()), " ".join(words[0].upper().split()))
     parameters: dict[str, str] = {}
     for word in words[1:]:
         name, _, value = word.partition("=")

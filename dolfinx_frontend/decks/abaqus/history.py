@@ -23,6 +23,9 @@ Key = tuple[Any, ...]
 _JUMP = 1e-6
 """Share of a step in which a value that jumps at its begin gets there."""
 
+_SMALL, _LARGE = 0.02, 0.2
+"""Given rotations, of steps with NLGEOM, from which on their size is said, and they are refused."""
+
 _NAMED = {
     "ENCASTRE": (1, 2, 3, 4, 5, 6), "PINNED": (1, 2, 3),
     "XSYMM": (1, 5, 6), "YSYMM": (2, 4, 6), "ZSYMM": (3, 4, 5),
@@ -92,6 +95,7 @@ class History:
     increments: list[float] = field(default_factory=list)
     frictions: dict[str, dict[Step, Card]] = field(default_factory=dict)
     references: frozenset[int] = frozenset()
+    _large: bool = False
     bolts: frozenset[int] = frozenset()
 
     def read(self) -> None:
@@ -110,11 +114,19 @@ class History:
         self._apply(_Phase(0, 0.0, 0.0, True), found)
         for number, cards in enumerate(self.model.steps, start=1):
             self._step(number, cards)
+        for key, curve in self.curves.items():
+            angle = max(abs(v) for _, v in curve) if key[0] == "u" and key[2] > 3 and self._large else 0.0
+            if angle > _SMALL:
+                given = self.given[key]
+                kind = "refused" if angle > _LARGE else "changed"
+                said = f"a rotation of {angle:.3g} is taken as small: displacements are off by about"
+                self.model.note(kind, given.card, f"{said} {50.0 * angle:.2g} %", given.row.where)
 
     def _step(self, number: int, cards: list[Card]) -> None:
         head = cards[0]
         if head.get("NLGEOM") not in (None, "NO"):
             self.model.note("changed", head, "NLGEOM: displacements are taken as small")
+            self._large = True
         if "PERTURBATION" in head.parameters:
             self.model.note("refused", head, "PERTURBATION: write an ordinary step")
         begin = self.steps[-1].end if self.steps else 0.0

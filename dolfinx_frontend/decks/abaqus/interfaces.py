@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.axes import Axes
 from dolfinx_frontend.decks.abaqus.cards import Card, Row, Where, placed
-from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, listed
+from dolfinx_frontend.decks.abaqus.elements import KINDS, listed
 from dolfinx_frontend.decks.abaqus.faces import Faces, Sides
+from dolfinx_frontend.decks.abaqus.facets import Distance, Facets
 from dolfinx_frontend.decks.abaqus.history import History
 from dolfinx_frontend.decks.abaqus.links import Links, unused
 from dolfinx_frontend.decks.abaqus.model import Interaction, Model
@@ -63,15 +62,6 @@ class Body:
     def nodes(self) -> set[int]:
         """Its reference nodes."""
         return {self.reference} if self.turning is None else {self.reference, self.turning}
-
-
-class Distance(NamedTuple):
-    """Of two surfaces: smallest and largest (negative: overlap), size of the largest facet, and extent."""
-
-    least: float
-    most: float
-    facet: float
-    extent: float
 
 
 def cuts_of(model: Model) -> list[tuple[Card, str, Pairs]]:
@@ -165,13 +155,8 @@ class Joints:
             low, high = sorted((groups[p], groups[q]))
             groups = [low if g == high else g for g in groups]
         for node, members in self.mesh.pieces_of_node.items():
-            if len({groups[p] for p in members}) > 1:
-                one, two = (pieces[p].name for p in members[:2])
-                raise pieces[members[0]].section.card.error(
-                    f"{one!r} and {two!r} share node {self.model.node_names[node]}, but no face: "
-                    "they hang together at points or edges only; connect them by faces, or give each its own "
-                    "nodes"
-                )
+            one, *others = sorted({groups[p]: p for p in reversed(members)}.values())
+            self.links.shared += [(node, one, other) for other in others]
 
     def _bolt(self, card: Card, name: str, pairs: Pairs) -> None:
         mesh, history = self.mesh, self.history
@@ -208,6 +193,7 @@ class Joints:
                     raise card.error("the bolt is FIXED in the first step; tighten it before")
                 until = history.steps[locked - 1].start
             law = Preload(force=given, until=until)
+            self.model.note("changed", card, "its force is even over the section, which bends freely")
         one, two = self.faces.ask(name, first), self.faces.ask(f"{name} cut", second)
         self._join(name, law, one, two, None, card, card.where, matching=True)
 
@@ -222,7 +208,7 @@ class Joints:
         if not card.rows:
             return 1.0
         given = np.array(card.numbers(card.rows[0], 3, "direction"))
-        mean = np.mean([self._plane(side)[1] for side in pairs], axis=0)
+        mean = Facets(self.mesh, self._by_piece(pairs)).normals.mean(axis=0)
         size = float(np.linalg.norm(given) * np.linalg.norm(mean))
         cosine = float(given @ mean) / size if size else 0.0
         if abs(cosine) < 0.999:
@@ -244,8 +230,8 @@ class Joints:
             known = ", ".join(self.model.interactions) or "none"
             raise card.error(f"there is no interaction {named!r} (known: {known}); define it")
         self._formulation(card)
-        apart = self._distance(slave, master)
-        gap = self._gap(card, row, names, apart)
+        gap = self._gap(card, row, names, Facets(self.mesh, slave), Facets(self.mesh, master))
+        apart = Facets(self.mesh, slave).distance(Facets(self.mesh, master))
         law = self._law(named, interaction, gap, apart)
         first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
         if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
@@ -275,8 +261,10 @@ class Joints:
             self.model.note("changed", card, f"{kind}: discretised by mortar multipliers")
         self.model.note("changed", card, "sliding is small: faces meet where they are meshed")
 
-    def _gap(self, card: Card, row: Row, names: list[str], apart: Distance) -> float | None:
-        """The gap that the deck states; None: as meshed."""
+    def _gap(
+        self, card: Card, row: Row, names: list[str], slave: Facets, master: Facets
+    ) -> Any:
+        """The gap that the deck states, a number or a function of the points; None: as meshed."""
         for other in self.model.joints:
             if other.keyword == "CLEARANCE" and [other.need("SLAVE"), other.need("MASTER")] == names:
                 other.parameters["_USED"] = ""
@@ -284,20 +272,20 @@ class Joints:
         word = card.get("ADJUST")
         if word is None or not word or word == "NO":
             return None
+        wanted, tolerance, apart = None, 0.0, slave.distance(master)
         try:
             tolerance = card.number(Row(card.where, [word]), 0, "ADJUST")
         except DeckError:
-            self.model.root.node_rows(card, word, row.where)
-            self.model.note("changed", card, f"ADJUST={word}: all faces of the pair touch")
+            wanted = set(self.model.root.node_rows(card, word, row.where))
+        all_of_it = set(listed(slave.nodes[slave.nodes < len(self.model.x)]))
+        if (
+            apart.most <= tolerance * (1.0 + 1e-6) + _TOUCHING * apart.extent if wanted is None
+            else wanted >= all_of_it
+        ):
             return 0.0
-        if apart.most > tolerance * (1.0 + 1e-6) + _TOUCHING * apart.extent:
-            raise card.error(
-                f"ADJUST = {tolerance:g} closes a part of the gap only, which is up to {apart.most:.4g}: "
-                "give a larger one, or take it out", row.where
-            )
-        return 0.0
+        return slave.adjusted(master, wanted, tolerance)
 
-    def _law(self, name: str, interaction: Interaction, gap: float | None, apart: Distance) -> Law:
+    def _law(self, name: str, interaction: Interaction, gap: Any, apart: Distance) -> Law:
         stiffness, tied = self._behavior(interaction)
         mu, stick = (0.0, None) if interaction.friction is None else self._friction(interaction.friction)
         curve = self.history.changing(name, mu, lambda card: self._friction(card)[0])
@@ -368,7 +356,7 @@ class Joints:
             word = card.get("POSITIONTOLERANCE")
             reach = None if word is None else card.number(Row(card.where, [word]), 0, "POSITION TOLERANCE")
             if reach is None:
-                apart = self._distance(slave, master)
+                apart = Facets(self.mesh, slave).distance(Facets(self.mesh, master))
                 reach = max(apart.least, 0.0) + _REACH * apart.facet
             names = [w.upper() for w in row.words[:2]]
             first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
@@ -458,46 +446,6 @@ class Joints:
         else:
             self._body(card, name, sides, node, None, False)
 
-    # --- geometry ---------------------------------------------------------------------------------
-    def _plane(self, side: tuple[int, int]) -> tuple[Array, Array, float]:
-        """Centre, outward normal and size of a face."""
-        e, f = side
-        dim = self.mesh.kind(e).dim
-        corners = self.mesh.x[self.mesh.face(side)[: len(FACES[self.mesh.kind(e).cell][f])]]
-        centre = corners.mean(axis=0)
-        if dim == 2:
-            along = corners[1] - corners[0]
-            normal = np.array([along[1], -along[0], 0.0])
-        else:
-            normal = np.cross(corners[1] - corners[0], corners[-1] - corners[0])
-        inside = self.mesh.x[list(self.model.elements[e].nodes)].mean(axis=0)
-        normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
-        size = float(np.linalg.norm(corners - centre, axis=1).max())
-        return centre, normal if normal @ (centre - inside) > 0.0 else -normal, size
-
-    def _distance(self, slave: Sides, master: Sides) -> Distance:
-        """Of the nodes of one surface from the facets of the other that they lie over."""
-        x = self.mesh.x
-        nodes = np.unique([n for pairs in slave.values() for side in pairs for n in self.mesh.face(side)])
-        planes = [self._plane(side) for pairs in master.values() for side in pairs]
-        sizes = [self._plane(side)[2] for pairs in slave.values() for side in pairs] + [p[2] for p in planes]
-        centres = np.array([p[0] for p in planes])
-        normals, radii = np.array([p[1] for p in planes]), np.array([p[2] for p in planes])
-        count = min(4, len(planes))
-        away, nearest = cKDTree(centres).query(x[nodes], k=[*range(1, count + 1)])
-        offset = x[nodes][:, None] - centres[nearest]
-        gaps = np.einsum("nkd,nkd->nk", offset, normals[nearest])
-        beside = np.sqrt(np.maximum(away**2 - gaps**2, 0.0))
-        gaps = np.where(beside <= 1.05 * radii[nearest], gaps, np.nan)
-        over = ~np.all(np.isnan(gaps), axis=1)
-        facet, extent = 2.0 * max(sizes), float(np.ptp(x[nodes], axis=0).max())
-        if not over.any():
-            least = max(float(away[:, 0].min()) - float(radii.max()), 0.0)
-            return Distance(least, least, facet, extent)
-        closest = np.nanargmin(np.abs(gaps[over]), axis=1)[:, None]
-        found = np.take_along_axis(gaps[over], closest, axis=1)[:, 0]
-        return Distance(float(found.min()), float(found.max()), facet, extent)
-
     # --- into a scene ---------------------------------------------------------------------------------
     def put(self, scene: Scene) -> None:
         """Add the interfaces and rigid bodies to a scene that has the parts."""
@@ -506,33 +454,32 @@ class Joints:
             pairs = [
                 (a, b) for a in self.faces.named(joint.first) for b in self.faces.named(joint.second)
             ]
-            near = [pair for pair in pairs if len(pairs) == 1 or self._near(joint, *pair)]
-            for (p, one, ours), (q, two, theirs) in near:
+            for (p, one, ours), (q, two, theirs) in pairs:
+                facets = Facets(self.mesh, {p: ours}), Facets(self.mesh, {q: theirs})
+                if len(pairs) > 1 and not self._near(joint, *facets):
+                    continue
                 with placed(*joint.card):
                     scene.interface(
                         unused(joint.name, used), self.faces.text(p, one), self.faces.text(q, two),
-                        joint.law, **self._settings(joint, ours, theirs),
+                        joint.law, **self._settings(joint, *facets),
                     )
         for body in self.bodies:
             with placed(*body.card):
                 self._put_body(scene, body, used)
 
-    def _settings(self, joint: Joint, ours: Pairs, theirs: Pairs) -> dict[str, Any]:
+    @staticmethod
+    def _settings(joint: Joint, ours: Facets, theirs: Facets) -> dict[str, Any]:
         if joint.matching:
             return {}
         if joint.reach is None:
             return {"overlap": "partial"}
-        largest = 2.0 * max(self._plane(side)[2] for side in (*ours, *theirs))
-        share = joint.reach / largest
+        share = 0.5 * joint.reach / float(max(ours.radii.max(), theirs.radii.max()))
         return {"overlap": "partial"} | ({"max_distance": 1.01 * share} if share > _REACH else {})
 
-    def _near(self, joint: Joint, a: tuple[int, str, Pairs], b: tuple[int, str, Pairs]) -> bool:
+    def _near(self, joint: Joint, ours: Facets, theirs: Facets) -> bool:
         """Whether two faces of several can meet."""
-        one, two = ({p: pairs} for p, _, pairs in (a, b))
-        apart = self._distance(one, two)
-        shared = self._distance(two, one)
-        reach = max(joint.reach or 0.0, _REACH * apart.facet)
-        return min(abs(apart.least), abs(shared.least)) <= reach
+        facet = 2.0 * float(max(ours.radii.max(), theirs.radii.max()))
+        return ours.meets(theirs, max(joint.reach or 0.0, _REACH * facet))
 
     def _put_body(self, scene: Scene, body: Body, used: set[str]) -> None:
         curves, value = self.history.curves, self.history.value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 
-__all__ = ["IGNORED", "REFUSED", "REPRESENTED", "fate"]
+__all__ = ["ACTING", "IGNORED", "REFUSED", "REPRESENTED", "fate"]
 
 _LOAD = "OP AMPLITUDE"
 REPRESENTED = {
@@ -27,9 +27,15 @@ REPRESENTED = {
     "EQUATION": "", "SPRING": "ELSET NONLINEAR ORIENTATION", "CHANGE FRICTION": "INTERACTION",
     "INITIAL CONDITIONS": "TYPE", "STEP": "NAME INC NLGEOM PERTURBATION AMPLITUDE", "END STEP": "",
     "STATIC": "DIRECT SOLVER", "BOUNDARY": "OP AMPLITUDE FIXED",
-    "CLOAD": _LOAD, "DLOAD": _LOAD, "DSLOAD": _LOAD, "TEMPERATURE": _LOAD,
+    "CLOAD": f"{_LOAD} FOLLOWER", "DLOAD": _LOAD, "DSLOAD": f"{_LOAD} FOLLOWER CONSTANTRESULTANT",
+    "TEMPERATURE": _LOAD,
 }
-"""Keyword -> its parameters, without blanks; others are listed as ignored."""
+"""Keyword -> its parameters, without blanks; others are ignored, or refused where they change what acts."""
+
+ACTING = frozenset(
+    "BOUNDARY CLOAD DLOAD DSLOAD TEMPERATURE EQUATION KINEMATIC DISTRIBUTING AMPLITUDE".split()
+) | {"INITIAL CONDITIONS", "DISTRIBUTING COUPLING", "KINEMATIC COUPLING"}
+"""Keywords of which every parameter matters."""
 
 IGNORED = {
     "HEADING": "", "PREPRINT": "", "CONTROLS": "", "RESTART": "", "TIME POINTS": "", "MONITOR": "",
@@ -70,8 +76,7 @@ def fate(keyword: str) -> tuple[str, str]:
     """"represented", "ignored" or "refused", and why."""
     if keyword in REPRESENTED:
         return "represented", ""
-    last = keyword.rpartition(" ")[2]
-    if keyword in IGNORED or last in ("PRINT", "FILE", "OUTPUT"):
+    if keyword in IGNORED or keyword.endswith(("PRINT", "FILE", "OUTPUT")):
         return "ignored", IGNORED.get(keyword) or "output is asked of the result"
     if keyword in REFUSED:
         return "refused", REFUSED[keyword]

@@ -70,6 +70,8 @@ class Links:
         Displacements of reference nodes: sums of others, and a value.
     others
         Nodes that stand for rigid bodies and bolts.
+    shared
+        Nodes at which two pieces hang together that share no faces: node, and pieces.
     """
 
     model: Model
@@ -78,6 +80,7 @@ class Links:
     sums: list[Sum] = field(default_factory=list)
     given: dict[Dof, Sum] = field(default_factory=dict)
     others: set[int] = field(default_factory=set)
+    shared: list[tuple[int, int, int]] = field(default_factory=list)
 
     @property
     def dim(self) -> int:
@@ -348,6 +351,13 @@ class Links:
     def put(self, scene: Scene) -> None:
         """Add the sums to a scene that has the parts and joints."""
         pieces, d, used = self.mesh.pieces, self.dim, set(scene.interfaces)
+        for node, *both in self.shared:
+            x, card = listed(self.mesh.x[node, :d]), pieces[both[0]].section.card
+            for k in range(d):
+                axis = [float(j == k) for j in range(d)]
+                terms = [(pieces[p].name, x, [s * a for a in axis]) for p, s in zip(both, (-1.0, 1.0))]
+                with placed(card.where, card.keyword):
+                    scene.link(unused(f"node {self.model.node_names[node]} {'xyz'[k]}", used), terms)
         for each in self.sums:
             vectors: dict[int, list[float]] = {}
             for (node, k), c in each.terms.items():

@@ -16,7 +16,7 @@ from dolfinx_frontend.decks.abaqus.axes import Axes, axes_of, turning
 from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, Where
 from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, REFERENCE_NODES
 from dolfinx_frontend.decks.abaqus.generated import copies, count, filled, place_of, system_of
-from dolfinx_frontend.decks.abaqus.keywords import REPRESENTED, fate
+from dolfinx_frontend.decks.abaqus.keywords import ACTING, REPRESENTED, fate
 from dolfinx_frontend.decks.lines import DeckError
 
 __all__ = ["Element", "Model", "Scope", "Surface"]
@@ -190,7 +190,7 @@ class Model:
             return False
         unknown = set(card.parameters) - set(REPRESENTED[card.keyword].split())
         for name in sorted(unknown):
-            self.note("ignored", card, f"the parameter {name[:40]}")
+            self.note("refused" if card.keyword in ACTING else "ignored", card, f"the parameter {name[:40]}")
         name = card.get("TYPE") or ""
         if card.keyword == "ELEMENT" and name and name not in KINDS and name not in REFERENCE_NODES:
             self.note("refused", card, f"elements {name}: solids of first and second order are read, "

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
@@ -72,10 +72,15 @@ class Mesh:
         model = self.model
         kinds = [KINDS.get(e.kind) for e in model.elements]
         solid = [e for e, kind in enumerate(kinds) if kind is not None]
+        if not solid:
+            raise model.elements[0].error("the deck has no solids; add elements as C3D8 or C3D10")
         if len({kinds[e].dim for e in solid}) > 1:  # type: ignore[union-attr]
             raise model.elements[0].error("solids in the plane and in space in one deck; give one of them")
+        if len({kinds[e].plane == "axisymmetric" for e in solid}) > 1:  # type: ignore[union-attr]
+            raise model.elements[0].error("axisymmetric and plane solids in one deck; give one of them")
         self._neighbours(solid)
         section = self._sections(solid)
+        cuts = list(cuts)
         cut = {side for pairs in cuts for side in pairs}
         cut |= {self.neighbours[side] for side in cut if side in self.neighbours}
         links = [
@@ -86,6 +91,8 @@ class Mesh:
         i, j = np.array(links, dtype=np.int64).reshape(-1, 2).T
         graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(n, n))
         _, labels = connected_components(graph, directed=False)
+        for pairs in cuts:
+            self._parted(pairs, graph, labels)
         groups: dict[int, list[int]] = {}
         for e in solid:
             groups.setdefault(int(labels[e]), []).append(e)
@@ -97,6 +104,20 @@ class Mesh:
         for p, piece in enumerate(self.pieces):
             for node in listed(piece.nodes):
                 self.pieces_of_node.setdefault(node, []).append(p)
+
+    def _parted(self, pairs: Pairs, graph: sp.csr_matrix, labels: Ints) -> None:
+        """Divide what hangs together around a cut: elements belong to the side of it that is fewer elements
+        away."""
+        ours = np.array([e for e, _ in pairs])
+        sides = [self.neighbours[side] for side in pairs if side in self.neighbours]
+        theirs = np.array([e for e, _ in sides], dtype=np.int64)
+        if not np.isin(labels[ours], labels[theirs]).any():
+            return
+        near, far = (
+            dijkstra(graph, directed=False, indices=own, unweighted=True, min_only=True)
+            for own in (ours, theirs)
+        )
+        labels[np.isin(labels, labels[ours]) & (near < far)] = labels.max() + 1
 
     def _neighbours(self, solid: list[int]) -> None:
         """Sides that share the corners of a face."""
