@@ -373,3 +373,35 @@ def test_refused(cards: str, words: tuple[str, ...], tmp_path: Path) -> None:
         deck_of(tmp_path, f"{head}*BOUNDARY\nBAR_X0, 1, 3\n{cards}").scene()
     for word in words:
         assert word in str(caught.value), str(caught.value)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_rod_is_tightened(sign: int, tmp_path: Path) -> None:
+    """A rod between the means of the ends of two bars pulls both with the force of its section."""
+    _, _, head = two_bars()
+    deck = deck_of(tmp_path, (
+        "*ELEMENT, TYPE=DCOUP3D, ELSET=D1\n901, 901\n*ELEMENT, TYPE=DCOUP3D, ELSET=D2\n902, 902\n"
+        f"*ELEMENT, TYPE=B31, ELSET=ROD\n903, 903, 904\n{head}*NODE\n901, {L}, .5, .5\n902, {L}, 3.5, .5\n"
+        f"903, {L}, .5, .5\n904, {L}, 3.5, .5\n910, 0., 0., 0.\n*BEAM SECTION, ELSET=ROD, MATERIAL=STEEL, "
+        "SECTION=RECT\n.1, .1\n0., 0., 1.\n*DISTRIBUTING COUPLING, ELSET=D1\nONE_X1, 1.\n"
+        "*DISTRIBUTING COUPLING, ELSET=D2\nTWO_X1, 1.\n*EQUATION\n"
+        + "".join(f"2\n{a}, {k}, 1., {a + 2}, {k}, -1.\n" for a in (901, 902) for k in (1, 2, 3))
+        + f"*PRE-TENSION SECTION, ELEMENT=903, NODE=910\n0., {sign}., 0.\n"
+        "*STEP\n*STATIC\n*CLOAD\n910, 1, 4.\n*END STEP\n"
+    ))
+    result = solved(deck)
+    for part, way in (("ONE", 1.0), ("TWO", -1.0)):
+        (values,) = result.table(f"{part}_X0").rows()
+        assert values["force_y"] == pytest.approx(-4.0 * sign * way, rel=1e-6)
+        assert values["force_x"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_forces_along_the_axes_of_a_coupling(tmp_path: Path) -> None:
+    bar = Brick("C3D8", "BAR", (L, 1.0, 1.0), (2, 1, 1))
+    deck = deck_of(tmp_path, (
+        f"{bar.text()}{SOFT}*NODE\n900, {L}, .5, .5\n*ORIENTATION, NAME=TURNED\n.8, .6, 0., -.6, .8, 0.\n"
+        "*COUPLING, REF NODE=900, SURFACE=SBAR_X1, ORIENTATION=TURNED, CONSTRAINT NAME=C\n*DISTRIBUTING\n"
+        "1, 3\n*BOUNDARY\nBAR_X0, 1, 3\n*STEP\n*STATIC\n*CLOAD\n900, 1, 5.\n*END STEP\n"
+    ))
+    (values,) = solved(deck).table("BAR_X0").rows()
+    assert [values[f"force_{c}"] for c in "xyz"] == pytest.approx([-4.0, -3.0, 0.0], abs=1e-6)

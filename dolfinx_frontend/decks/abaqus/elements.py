@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array, Ints
 
-__all__ = ["FACES", "KINDS", "Kind", "REFERENCE_NODES", "face_nodes", "listed", "middles"]
+__all__ = ["FACES", "KINDS", "Kind", "REFERENCE_NODES", "RODS", "face_nodes", "listed", "middles"]
 
 
 class Kind(NamedTuple):
@@ -74,8 +74,9 @@ def _kinds() -> dict[str, Kind]:
 
 
 KINDS = _kinds()
-REFERENCE_NODES = {"DCOUP3D": 1, "MASS": 1, "SPRINGA": 2, "SPRING1": 1, "SPRING2": 2}
-"""Nodes of elements that are no solids: the node of a coupling, springs."""
+RODS = ("T3D2", "B31")
+REFERENCE_NODES = {"DCOUP3D": 1, "MASS": 1, "SPRING1": 1} | dict.fromkeys(("SPRINGA", "SPRING2", *RODS), 2)
+"""Nodes of elements that are no solids: the node of a coupling, springs, rods of pre-tension sections."""
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "triangle": ((0, 1), (1, 2), (2, 0)),

@@ -15,7 +15,7 @@ from dolfinx_frontend.decks.abaqus.cards import Card, Row, Where, placed
 from dolfinx_frontend.decks.abaqus.elements import KINDS, listed
 from dolfinx_frontend.decks.abaqus.faces import Faces, Sides
 from dolfinx_frontend.decks.abaqus.facets import Distance, Facets
-from dolfinx_frontend.decks.abaqus.history import History
+from dolfinx_frontend.decks.abaqus.history import Curve, History, combined
 from dolfinx_frontend.decks.abaqus.links import Links, unused
 from dolfinx_frontend.decks.abaqus.model import Interaction, Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs
@@ -71,8 +71,7 @@ def cuts_of(model: Model) -> list[tuple[Card, str, Pairs]]:
         if card.keyword != "PRE-TENSION SECTION":
             continue
         if card.get("ELEMENT") is not None:
-            model.note("refused", card, "a section in a beam: give the SURFACE of a solid bolt")
-            continue
+            continue  # a rod
         name = card.need("SURFACE")
         scope, surface = model.root.surface(card, name, card.where)
         if surface.nodal:
@@ -414,7 +413,7 @@ class Joints:
     def _body(
         self, card: Card, name: str, sides: Sides, node: int, turning: int | None, rigid: bool
     ) -> None:
-        if {node, turning} & (self.links.named() | set(self.model.transforms)):
+        if {node, turning} & (self.links.named() | set(self.model.transforms if rigid else ())):
             raise card.error(f"{name}: its node has equations, springs or *TRANSFORM; use *KINEMATIC")
         asked = self.faces.ask(name, sides)
         self.bodies.append(Body(name, asked, node, turning, rigid, (card.where, card.keyword)))
@@ -441,10 +440,14 @@ class Joints:
             held |= set(range(first, card.whole(row, 1, "last component", default=first) + 1))
         if kind == "KINEMATIC":
             self._follow(card, name, nodes, node, None, held, self.links.orientation(scope, card))
-        elif sides is None:
+            return
+        axes = self.links.orientation(scope, card)
+        if axes is not None:
+            self.model.transforms[node] = axes
+            self.model.note("changed", card, "forces on its node are along the axes of its ORIENTATION")
+        if sides is None:
             raise card.error("its nodes do not make up whole faces; name those of faces")
-        else:
-            self._body(card, name, sides, node, None, False)
+        self._body(card, name, sides, node, None, False)
 
     # --- into a scene ---------------------------------------------------------------------------------
     def put(self, scene: Scene) -> None:
@@ -489,10 +492,12 @@ class Joints:
             keys |= {(body.turning, k): k + 3 for k in range(1, 4)}
         allowed = (1, 2, 6) if dim == 2 else range(1, 7)
         keys = {key: k for key, k in keys.items() if k in allowed}
-        motions, loads = (
-            {k: value(curves[kind, *key]) for key, k in keys.items() if (kind, *key) in curves}
-            for kind in "uf"
-        )
+        motions = {k: value(curves["u", *key]) for key, k in keys.items() if ("u", *key) in curves}
+        acting: dict[int, list[tuple[float, Curve]]] = {}
+        for key in [key for key in keys if ("f", *key) in curves]:
+            for along, c in self.links.along(*key, 1.0).items():
+                acting.setdefault(keys[along], []).append((c, curves["f", *key]))
+        loads = {k: value(combined(terms)) for k, terms in acting.items()}
         faces = self.faces.named(body.faces)
         names = [self.faces.text(p, name) for p, name, _ in faces]
         x = tuple(listed(self.mesh.x[body.reference, :dim]))

@@ -40,35 +40,38 @@ ACTING = frozenset(
 IGNORED = {
     "HEADING": "", "PREPRINT": "", "CONTROLS": "", "RESTART": "", "TIME POINTS": "", "MONITOR": "",
     "PHYSICAL CONSTANTS": "", "FILE FORMAT": "", "SOLID SECTION CONTROLS": "", "SECTION CONTROLS": "",
-    "DAMPING": "nothing moves fast",
+    "DAMPING": "nothing moves fast", "BEAM SECTION": "rods have the force of their pre-tension section",
 }
 """Keyword -> why, if that is not plain; so are all that end in PRINT, FILE or OUTPUT."""
 
-REFUSED = {
-    "CYCLIC SYMMETRY MODEL": "cut symmetry has no interface here; model a sector between symmetry planes",
-    "FREQUENCY": "no vibrations", "BUCKLE": "no stability", "COMPLEX FREQUENCY": "no vibrations",
-    "MODEL CHANGE": "nothing comes or goes between steps", "MPC": "no constraints by name",
-    "DYNAMIC": "no dynamics", "MODAL DYNAMIC": "no dynamics", "STEADY STATE DYNAMICS": "no dynamics",
-    "FLUID": "no fluids", "FLUID CONSTANTS": "no fluids", "FLUID SECTION": "no fluids", "CFD": "no fluids",
-    "SENSITIVITY": "use problem.function for gradients", "DESIGN VARIABLES": "no design variables",
-    "DESIGN RESPONSE": "no design variables", "OBJECTIVE": "no design variables",
-    "PLASTIC": "parts are linear elastic", "CYCLIC HARDENING": "parts are linear elastic",
-    "CREEP": "parts are linear elastic", "VISCO": "parts are linear elastic",
-    "HYPERELASTIC": "parts are linear elastic", "HYPERFOAM": "parts are linear elastic",
-    "DEFORMATION PLASTICITY": "parts are linear elastic", "USER MATERIAL": "no materials by user",
-    "DEPVAR": "no materials by user", "GAP CONDUCTANCE": "no heat transfer",
-    "HEAT TRANSFER": "no heat transfer", "GAP HEAT GENERATION": "no heat transfer",
-    "COUPLED TEMPERATURE-DISPLACEMENT": "no heat transfer", "CONDUCTIVITY": "no heat transfer",
-    "UNCOUPLED TEMPERATURE-DISPLACEMENT": "no heat transfer", "SPECIFIC HEAT": "no heat transfer",
-    "CFLUX": "no heat transfer", "DFLUX": "no heat transfer", "FILM": "no heat transfer",
-    "RADIATE": "no heat transfer", "SUBMODEL": "no submodels", "GREEN": "no Green functions",
-    "REFINE MESH": "use solve(scene, accuracy=...)", "SUBSTRUCTURE GENERATE": "no condensed parts",
-    "SHELL SECTION": "solids only", "BEAM SECTION": "solids only", "BEAM GENERAL SECTION": "solids only",
-    "MEMBRANE SECTION": "solids only", "DASHPOT": "no dynamics",
-    **dict.fromkeys(("GAP", "ADJUST", "MASS", "CHANGE SURFACE BEHAVIOR"), "it is not read yet"),
-    "CONTACT": "general contact finds its own pairs; write them, *CONTACT PAIR",
-    "INCLUDE": "it has no INPUT=",
+_WHY = {
+    "cut symmetry has no interface here; model a sector between symmetry planes": "CYCLIC SYMMETRY MODEL",
+    "no vibrations": "FREQUENCY; COMPLEX FREQUENCY",
+    "no stability": "BUCKLE",
+    "nothing comes or goes between steps": "MODEL CHANGE",
+    "no constraints by name": "MPC",
+    "no dynamics": "DYNAMIC; MODAL DYNAMIC; STEADY STATE DYNAMICS; DASHPOT",
+    "no fluids": "FLUID; FLUID CONSTANTS; FLUID SECTION; CFD",
+    "use problem.function for gradients": "SENSITIVITY",
+    "no design variables": "DESIGN VARIABLES; DESIGN RESPONSE; OBJECTIVE",
+    "parts are linear elastic": (
+        "PLASTIC; CYCLIC HARDENING; CREEP; VISCO; HYPERELASTIC; HYPERFOAM; DEFORMATION PLASTICITY"
+    ),
+    "no materials by user": "USER MATERIAL; DEPVAR",
+    "no heat transfer": (
+        "GAP CONDUCTANCE; HEAT TRANSFER; GAP HEAT GENERATION; COUPLED TEMPERATURE-DISPLACEMENT; "
+        "CONDUCTIVITY; UNCOUPLED TEMPERATURE-DISPLACEMENT; SPECIFIC HEAT; CFLUX; DFLUX; FILM; RADIATE"
+    ),
+    "no submodels": "SUBMODEL",
+    "no Green functions": "GREEN",
+    "use solve(scene, accuracy=...)": "REFINE MESH",
+    "no condensed parts": "SUBSTRUCTURE GENERATE",
+    "solids only": "SHELL SECTION; BEAM GENERAL SECTION; MEMBRANE SECTION",
+    "it is not read yet": "GAP; ADJUST; MASS; CHANGE SURFACE BEHAVIOR",
+    "general contact finds its own pairs; write them, *CONTACT PAIR": "CONTACT",
+    "it has no INPUT=": "INCLUDE",
 }
+REFUSED = {keyword: why for why, keywords in _WHY.items() for keyword in keywords.split("; ")}
 """Keyword -> why it is refused."""
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.decks.abaqus.axes import Axes, axes_of
-from dolfinx_frontend.decks.abaqus.cards import Card, Row, Where, placed
-from dolfinx_frontend.decks.abaqus.elements import listed
+from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, Where, placed
+from dolfinx_frontend.decks.abaqus.elements import RODS, listed
 from dolfinx_frontend.decks.abaqus.history import Curve, Given, History, combined
 from dolfinx_frontend.decks.abaqus.model import Model, Scope
 from dolfinx_frontend.decks.abaqus.pieces import Mesh
@@ -70,6 +70,8 @@ class Links:
         Displacements of reference nodes: sums of others, and a value.
     others
         Nodes that stand for rigid bodies and bolts.
+    rods
+        Displacements that a rod shortens, its force, and what gave it.
     shared
         Nodes at which two pieces hang together that share no faces: node, and pieces.
     """
@@ -81,6 +83,7 @@ class Links:
     given: dict[Dof, Sum] = field(default_factory=dict)
     others: set[int] = field(default_factory=set)
     shared: list[tuple[int, int, int]] = field(default_factory=list)
+    rods: list[tuple[dict[Dof, float], Curve, Given]] = field(default_factory=list)
 
     @property
     def dim(self) -> int:
@@ -103,6 +106,7 @@ class Links:
             elif card.keyword == "DISTRIBUTING COUPLING":
                 self._distributing(scope, card)
         self._between()
+        self._tighten()
         if springs:
             raise self.model.elements[min(springs)].error("it has no *SPRING; give its set one")
 
@@ -128,8 +132,40 @@ class Links:
                         follows = {(n, k): w for n, w in shares.items()}
                         self._add(card, card.where, [{(node, k): -1.0}, follows])
 
-    def _along(self, node: int, component: int, factor: float, axes: Axes | None = None) -> dict[Dof, float]:
-        """A component of a node, along axes that are given, or its own."""
+    def _tighten(self) -> None:
+        """Rods of pre-tension sections pull their ends together; others are no solids."""
+        rods = {k for k, e in enumerate(self.model.elements) if e.kind in RODS}
+        for card in self.model.joints:
+            if card.keyword != "PRE-TENSION SECTION" or card.get("ELEMENT") is None:
+                continue
+            members = self.model.root.element_rows(card, card.need("ELEMENT"), card.where)
+            if len(members) != 1 or members[0] not in rods:
+                raise card.error(f"ELEMENT is one element of {' or '.join(RODS)}; correct it")
+            rods -= set(members)
+            one, two = self.model.elements[members[0]].nodes
+            along = self.mesh.x[two] - self.mesh.x[one]
+            length = float(np.linalg.norm(along))
+            given = np.array(card.numbers(card.rows[0], 3, "direction")) if card.rows else along
+            node = self.model.root.one_node(card, card.need("NODE"), card.where)
+            if not length > 0.0 or not np.any(given):
+                raise card.error("its rod, or its direction, has no length; correct them")
+            force = ("f", node, 1)
+            if node in self.history.fixed or ("u", node, 1) in self.history.curves:
+                self.model.note("refused", card, "a rod's length is given; give the SURFACE of a solid bolt")
+            elif force in self.history.curves:
+                self.model.note("changed", card, "the rod has this force and no stiffness")
+                pull = {(one, k + 1): float(c) for k, c in enumerate(along / length) if c}
+                pull |= {(two, k): -c for (_, k), c in pull.items()}
+                sign = -1.0 if given @ along < 0.0 else 1.0
+                curve = combined([(sign, self.history.curves[force])])
+                self.rods.append((pull, curve, self.history.given[force]))
+        for k in sorted(rods)[:1]:
+            kind, _, where = self.model.elements[k]
+            said = f"{kind}: solids only, and rods of *PRE-TENSION SECTION"
+            self.model.notes.append(Note("refused", "ELEMENT", *where, said))
+
+    def along(self, node: int, component: int, factor: float, axes: Axes | None = None) -> dict[Dof, float]:
+        """A component of a node, along axes that are given or its own, by global ones."""
         own = self.model.transforms.get(node) if axes is None else axes
         first = 1 if component <= 3 else 4
         if own is None:
@@ -161,7 +197,7 @@ class Links:
                 raise card.error("its sets have different numbers of nodes; give pairs", where)
             for n in range(most):
                 self._add(card, where, [
-                    self._along(nodes[n if len(nodes) > 1 else 0], c, factor) for nodes, c, factor in terms
+                    self.along(nodes[n if len(nodes) > 1 else 0], c, factor) for nodes, c, factor in terms
                 ])
 
     def _add(
@@ -205,7 +241,7 @@ class Links:
             else:
                 along = Axes(np.eye(3), np.zeros(3), False, np.eye(3)) if axes is None else axes
                 terms = [
-                    self._along(n, c, s, along) for n, c, s in zip(nodes, components, (1.0, -1.0))
+                    self.along(n, c, s, along) for n, c, s in zip(nodes, components, (1.0, -1.0))
                 ]
             self._add(card, self.model.elements[e].where, terms, stiffness)
         return set(members)
@@ -293,7 +329,7 @@ class Links:
                 each.take(dof, {}, curves["u", *dof])
         for key, curve in curves.items():
             if key[0] == "u" and key[1] in used and key[1] not in solid and key[1] in self.model.transforms:
-                given, terms = self.history.given[key], self._along(key[1], key[2], 1.0)
+                given, terms = self.history.given[key], self.along(key[1], key[2], 1.0)
                 self.sums.append(Sum(terms, given.card, given.row.where, None, curve))
         for node, k in sorted({d for each in self.sums for d in each.terms if d[0] not in solid}):
             self._eliminate((node, k))
@@ -330,20 +366,23 @@ class Links:
         found: dict[Dof, list[tuple[float, Curve]]] = {}
         by: dict[int, Given] = {}
         curves, solid = self.history.curves, self.mesh.pieces_of_node
-        for node, of_node in loads.items():
-            for component, curve in of_node.items():
-                for dof, c in self._along(node, component, 1.0).items():
-                    given = self.given.get(dof)
-                    if node not in solid and given is None:
-                        if ("u", *dof) in curves:
-                            continue  # its support takes it
-                        raise givers[node].error(
-                            f"component {dof[1]} of node {self.model.node_names[node]} belongs to no "
-                            "element, and nothing says how it moves"
-                        )
-                    for other, share in ({dof: 1.0} if given is None else given.terms).items():
-                        found.setdefault(other, []).append((c * share, curve))
-                        by.setdefault(other[0], givers[node])
+        acting = [
+            (self.along(node, component, 1.0), curve, givers[node])
+            for node, of_node in loads.items() for component, curve in of_node.items()
+        ]
+        for along, curve, giver in (*acting, *self.rods):
+            for dof, c in along.items():
+                given = self.given.get(dof)
+                if dof[0] not in solid and given is None:
+                    if ("u", *dof) in curves:
+                        continue  # its support takes it
+                    raise giver.error(
+                        f"component {dof[1]} of node {self.model.node_names[dof[0]]} belongs to no solid, "
+                        "and nothing says how it moves"
+                    )
+                for other, share in ({dof: 1.0} if given is None else given.terms).items():
+                    found.setdefault(other, []).append((c * share, curve))
+                    by.setdefault(other[0], giver)
         for node, given_by in by.items():
             own = {k: combined(found[node, k]) for k in range(1, 7) if (node, k) in found}
             yield node, own, given_by

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -160,7 +161,8 @@ class Model:
     def read(self, cards: list[Card]) -> None:
         """Take the cards of a deck, in order; what is refused is noted before anything else can be wrong."""
         iterator = iter([card for card in cards if self._represented(card)])
-        later: list[Card] = []
+        nodes: list[Card] = []
+        others: list[Callable[[], None]] = []
         for card in iterator:
             if card.keyword == "PART":
                 name = card.need("NAME")
@@ -168,15 +170,18 @@ class Model:
                     raise card.error(f"the part {name!r} is there already; give another name")
                 self.parts[name] = list(self._until(iterator, card, "END PART"))
             elif card.keyword == "INSTANCE":
-                self._instance(card, list(self._until(iterator, card, "END INSTANCE")))
+                inside = list(self._until(iterator, card, "END INSTANCE"))
+                others.append(partial(self._instance, card, inside))
             elif card.keyword == "STEP":
                 self.steps.append([card, *self._until(iterator, card, "END STEP")])
-            elif card.keyword == "ELEMENT" and card.get("TYPE") in REFERENCE_NODES:
-                later.append(card)  # their nodes often follow
+            elif card.keyword in ("NODE", "SYSTEM"):
+                nodes.append(card)  # elements may come before theirs
             else:
-                self.take(self.root, card)
-        for card in later:
+                others.append(partial(self.take, self.root, card))
+        for card in nodes:
             self.take(self.root, card)
+        for action in others:
+            action()
         if not self.elements:
             raise DeckError(f"{cards[-1].where}: the deck has no elements; add *ELEMENT, TYPE=...")
         if not self.steps:
@@ -359,14 +364,8 @@ class Model:
                 self._add_element(scope, card, number + element, Element(first.kind, nodes, row.where), into)
 
     # --- sets and surfaces ----------------------------------------------------------------------
-    def _nset(self, scope: Scope, card: Card) -> None:
-        self._collect(scope, card, "NSET")
-
-    def _elset(self, scope: Scope, card: Card) -> None:
-        self._collect(scope, card, "ELSET")
-
-    def _collect(self, scope: Scope, card: Card, kind: str) -> None:
-        inside = scope
+    def _collect(self, scope: Scope, card: Card) -> None:
+        inside, kind = scope, card.keyword
         if (name := card.get("INSTANCE")) is not None:
             if name not in self.instances:
                 raise card.error(f"there is no instance {name!r}; correct the name")
@@ -443,14 +442,10 @@ class Model:
         if not self.interactions:
             raise card.error("it belongs to a *SURFACE INTERACTION, which comes before it")
         last = self.interactions[next(reversed(self.interactions))]
-        if card.keyword == "FRICTION":
-            if last.friction is not None:
-                raise card.error("its interaction has friction already; take one out")
-            last.friction = card
-        else:
-            if last.behavior is not None:
-                raise card.error("its interaction has a behavior already; take one out")
-            last.behavior = card
+        kind = "friction" if card.keyword == "FRICTION" else "behavior"
+        if getattr(last, kind) is not None:
+            raise card.error(f"its interaction has a {kind} already; take one out")
+        setattr(last, kind, card)
 
     def _coupling(self, scope: Scope, card: Card) -> None:
         if card.keyword == "COUPLING":
@@ -513,8 +508,8 @@ _READERS: dict[str, Callable[[Model, Scope, Card], None]] = {
     "NFILL": Model._nfill,
     "ELGEN": Model._elgen,
     "SYSTEM": Model._system,
-    "NSET": Model._nset,
-    "ELSET": Model._elset,
+    "NSET": Model._collect,
+    "ELSET": Model._collect,
     "SURFACE": Model._surface,
     "MATERIAL": Model._material,
     "ELASTIC": Model._of_material,
