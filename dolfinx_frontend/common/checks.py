@@ -148,12 +148,14 @@ def checked_numbers(where: str, what: str, values: Any, wanted: str, dimensions:
     raise _refuse(where, what, values, f": {wanted}")
 
 
-def checked_axes(where: str, what: str, values: Any) -> Array:
-    """A copy of orthonormal rows (d, d), in 2 or 3 dimensions, as an array."""
-    axes = checked_numbers(where, what, values, "give orthonormal rows (d, d)")
-    if axes.shape in ((2, 2), (3, 3)) and np.abs(axes @ axes.T - np.eye(len(axes))).max() < 1e-9:
-        return axes
-    raise _refuse(where, what, values, ": give orthonormal rows (d, d)")
+def checked_axes(where: str, what: str, values: Any, dimensions: int = 2) -> Array:
+    """A copy of orthonormal rows (d, d), in 2 or 3 dimensions, or of (m, d, d), as an array."""
+    wanted = "give orthonormal rows (d, d)"
+    axes = checked_numbers(where, what, values, wanted, dimensions)
+    if axes.shape[-2:] in ((2, 2), (3, 3)):
+        if np.abs(axes @ np.swapaxes(axes, -1, -2) - np.eye(axes.shape[-1])).max() < 1e-9:
+            return axes
+    raise _refuse(where, what, values, f": {wanted}")
 
 
 def checked_reals(where: str, what: str, values: Any, wanted: str) -> Array:

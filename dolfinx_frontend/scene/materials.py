@@ -15,6 +15,7 @@ import dolfinx.fem as fem
 import numpy as np
 import numpy.typing as npt
 import ufl
+from ufl.algorithms import extract_arguments, extract_coefficients
 from ufl.domain import extract_unique_domain
 
 from dolfinx_frontend.common.arrays import Array
@@ -278,7 +279,8 @@ class OrthotropicElastic:
     G
         (G12, G13, G23), force / area; G12 alone suffices in 2D.
     axes
-        Rows are the material axes in global components, (3, 3) in 3D, (2, 2) in 2D; None: global.
+        Rows are the material axes in global components, (3, 3) in 3D, (2, 2) in 2D; None: global. In 3D also
+        a function of points (m, 3) -> (m, 3, 3): a cell has the axes of its centre.
     plane
         ``"strain"`` or ``"stress"``, in 2D.
     """
@@ -305,7 +307,7 @@ class OrthotropicElastic:
             object.__setattr__(self, name, tuple(float(v) for v in value))
         if len(self.E) not in (2, 3):
             raise SceneError(f"OrthotropicElastic: E has {len(self.E)} values; give 3 (2D: 2 or 3)")
-        if self.axes is not None:
+        if self.axes is not None and not callable(self.axes):
             checked_axes("OrthotropicElastic", "axes", self.axes)
             object.__setattr__(self, "axes", frozen(self.axes))
         for dim in (2, 3) if self._is_full() else (2,):
@@ -328,7 +330,7 @@ class OrthotropicElastic:
             raise SceneError(f"OrthotropicElastic: plane={self.plane!r} in 3D; it is for 2D parts")
         if dim == 3 and not self._is_full():
             raise SceneError("OrthotropicElastic: 3D needs three values each of E, nu and G")
-        if self.axes is not None and len(np.asarray(self.axes)) != dim:
+        if self.axes is not None and (3 if callable(self.axes) else len(np.asarray(self.axes))) != dim:
             raise SceneError(f"OrthotropicElastic: axes are not ({dim}, {dim})")
 
     def _elasticity(self, dim: int) -> npt.NDArray[np.float64]:
@@ -362,7 +364,7 @@ class OrthotropicElastic:
     def _full(self, dim: int) -> npt.NDArray[np.float64]:
         """Stiffness in global axes: (3, 3) in plane stress, otherwise (6, 6)."""
         C = self._elasticity(dim)
-        if self.axes is None:
+        if self.axes is None or callable(self.axes):
             return C
         axes = np.eye(3)
         axes[:dim, :dim] = np.asarray(self.axes, dtype=np.float64)
@@ -377,11 +379,26 @@ class OrthotropicElastic:
         revolved = self.plane == "axisymmetric"
         d = 3 if revolved else int(mesh.geometry.dim)
         C = self._full(2 if revolved else d)
+        turn = self._rows(mesh) if callable(self.axes) else None
+        if turn is not None:
+            eps = turn * eps * turn.T
         pairs = _VOIGT if len(C) == 6 else ((0, 0), (1, 1), (0, 1))
         voigt = ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in pairs])
         s = ufl.dot(fem.Constant(mesh, C), voigt)
         of = {pair: s[k] for k, pair in enumerate(pairs)}
-        return ufl.as_matrix([[of[min(i, j), max(i, j)] for j in range(d)] for i in range(d)])
+        stress = ufl.as_matrix([[of[min(i, j), max(i, j)] for j in range(d)] for i in range(d)])
+        return stress if turn is None else turn.T * stress * turn
+
+    def _rows(self, mesh: Any) -> Any:
+        """Axes that vary, by cell."""
+        space = fem.functionspace(mesh, ("DG", 0, (3, 3)))
+        centres = space.tabulate_dof_coordinates()
+        rows = checked_axes("OrthotropicElastic", "axes", self.axes(centres), 3)
+        if rows.shape != (len(centres), 3, 3):
+            raise SceneError(f"OrthotropicElastic: axes returned {rows.shape}; return rows (m, 3, 3)")
+        found = fem.Function(space)
+        found.x.array[:] = rows.ravel()
+        return found
 
     @property
     def revolved(self) -> OrthotropicElastic:
@@ -398,12 +415,15 @@ class OrthotropicElastic:
         self.check(dim)
         if self.plane == "axisymmetric":
             return self.stress_of(revolved_strain(u), extract_unique_domain(u))
+        if callable(self.axes):
+            known = (*extract_arguments(u), *extract_coefficients(u))
+            return self.stress_of(strain(u), known[0].ufl_function_space().mesh)
         return matrix_stress(self._global_elasticity(dim), u)
 
     def elasticity(self, dim: int) -> npt.NDArray[np.float64] | None:
-        """The matrix of :func:`matrix_stress`, force / area; None: of an axisymmetric part."""
+        """The matrix of :func:`matrix_stress`, force / area; None: of an axisymmetric part, or it varies."""
         self.check(dim)
-        if self.plane == "axisymmetric":
+        if self.plane == "axisymmetric" or callable(self.axes):
             return None
         return self._global_elasticity(dim)
 

@@ -405,3 +405,26 @@ def test_forces_along_the_axes_of_a_coupling(tmp_path: Path) -> None:
     ))
     (values,) = solved(deck).table("BAR_X0").rows()
     assert [values[f"force_{c}"] for c in "xyz"] == pytest.approx([-4.0, -3.0, 0.0], abs=1e-6)
+
+
+def test_a_ring_of_a_material_round_its_axis(tmp_path: Path) -> None:
+    """Wound along the angle, four times as stiff there, nu = 0: u = A r^2 + B / r^2 (Lekhnitskii)."""
+    ring = sector()
+    deck = deck_of(tmp_path, (
+        f"{ring.text(section=None)}*ORIENTATION, NAME=ROUND, SYSTEM=CYLINDRICAL\n0., 0., -1., 0., 0., 1.\n"
+        "*MATERIAL, NAME=WOUND\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n"
+        "5000., 20000., 5000., 0., 0., 0., 2500., 2500.\n2500.\n"
+        "*SOLID SECTION, ELSET=RING, MATERIAL=WOUND, ORIENTATION=ROUND\n"
+        "*BOUNDARY\nRING_Y0, 2, 2\nRING_Y1, 1, 1\nRING_Z0, 3, 3\n"
+        "*STEP\n*STATIC\n*DSLOAD\nSRING_X0, P, 10.\n*END STEP\n"
+    ))
+    result = solved(deck)
+    a, b, E = 10.0, 20.0, 5000.0
+    # sigma_r = E u' is -10 at a and 0 at b
+    A, B = np.linalg.solve([[2.0 * a, -2.0 / a**3], [2.0 * b, -2.0 / b**3]], [-10.0 / E, 0.0])
+    c = np.sqrt(0.5)
+    found = [at(result, "RING", (r * c, r * c, 2.5), "displacement", "x") / c for r in (a, b)]
+    assert found == pytest.approx([A * r**2 + B / r**2 for r in (a, b)], rel=2e-2)
+    r = 15.0
+    hoop = at(result, "RING", (1e-6, r, 2.5), "stress", "xx")
+    assert hoop == pytest.approx(20000.0 * (A * r + B / r**3), rel=5e-2)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dolfinx_frontend import AtPoint, SceneError, solve
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
@@ -52,3 +53,28 @@ def test_orthotropic_energy_of_uniform_strains():
     ):
         u = (s.dof_coordinates @ (axes.T @ local @ axes).T).ravel()
         assert u @ (s.matrix @ u) == pytest.approx(energy, rel=1e-12)
+
+
+def test_axes_by_a_function():
+    """Axes that are alike at all points are those of a matrix; what is no frame is refused."""
+    axes = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
+    part = block("hexahedron", [2] * 3)
+    constants = ((10.0, 4.0, 2.0), (0.3, 0.2, 0.1), (1.5, 1.2, 0.7))
+
+    def scene_of(given):
+        scene = Scene()
+        scene.substructure("a", part, OrthotropicElastic(*constants, given))
+        scene.fix("a:x0")
+        scene.traction("a:x1", (1.0, 2.0, 0.5))
+        return scene
+
+    ways = (axes, lambda x: np.tile(axes, (len(x), 1, 1)))
+    results = [solve(assemble(scene_of(given)), progress=False) for given in ways]
+    fields = [np.asarray(r.displacement("a").x.array) for r in results]
+    assert np.abs(fields[0] - fields[1]).max() < 1e-10 * np.abs(fields[0]).max()
+    stresses = [
+        r.quantity(AtPoint(r.problem, "a", (0.4, 0.3, 0.3), "stress", "xy")).values for r in results
+    ]
+    assert stresses[0] == pytest.approx(stresses[1], rel=1e-9)
+    with pytest.raises(SceneError, match="orthonormal rows"):
+        assemble(scene_of(lambda x: np.ones((len(x), 3, 3))))

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.axes import axes_of
 from dolfinx_frontend.decks.abaqus.cards import Card, Row
@@ -98,8 +97,8 @@ def _orthotropic(model: Model, card: Card, kind: str, piece: Piece) -> Any:
     return OrthotropicElastic(tuple(E), tuple(nu), tuple(G), axes=_axes(piece))
 
 
-def _axes(piece: Piece) -> Array | None:
-    """Rows: the axes 1, 2, 3 of the section's orientation; None: global."""
+def _axes(piece: Piece) -> Any:
+    """Rows: the axes 1, 2, 3 of the section's orientation, or a function of points; None: global."""
     card = piece.section.card
     name = card.get("ORIENTATION")
     if name is None:
@@ -109,9 +108,7 @@ def _axes(piece: Piece) -> Array | None:
     if found is None:
         raise card.error(f"there is no orientation {name!r}; define it")
     axes = axes_of(found, scope.turn, scope.shift)
-    if axes.round:
-        raise found.error("materials along cylindrical axes are not read; give pieces of it RECTANGULAR ones")
-    return axes.at(axes.origin)
+    return (lambda x: np.array([axes.at(each) for each in x])) if axes.round else axes.at(axes.origin)
 
 
 def expansion_of(model: Model, piece: Piece) -> Any:
