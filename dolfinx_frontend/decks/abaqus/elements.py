@@ -6,6 +6,7 @@ Lagrange cells have, where their own shape functions put them: the geometry is t
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,6 +111,7 @@ def listed(values: Ints | Array) -> Any:
     return values.tolist()
 
 
+@cache
 def face_nodes(kind: Kind) -> list[list[int]]:
     """Places of the nodes on each face, corners first."""
     if kind.order == 1:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from dolfinx_frontend.decks.abaqus.cards import Card, Row
@@ -343,7 +344,7 @@ class History:
         return curve
 
     # --- as values of a scene ---------------------------------------------------------------------
-    @property
+    @cached_property
     def static(self) -> bool:
         """Whether one solution at the end is all: one step in which all loads grow in proportion."""
         if len(self.steps) != 1 or self.increments:
