@@ -428,3 +428,17 @@ def test_a_ring_of_a_material_round_its_axis(tmp_path: Path) -> None:
     r = 15.0
     hoop = at(result, "RING", (1e-6, r, 2.5), "stress", "xx")
     assert hoop == pytest.approx(20000.0 * (A * r + B / r**3), rel=5e-2)
+
+
+def test_a_clamped_face_has_no_axes(tmp_path: Path) -> None:
+    """All components of a curved face are 0: one support, whatever their axes are."""
+    ring = sector()
+    deck = deck_of(tmp_path, (
+        f"{ring.text()}{STEEL}*TRANSFORM, NSET=NRING, TYPE=C\n0., 0., -1., 0., 0., 1.\n"
+        "*BOUNDARY\nRING_X0, PINNED\n*STEP\n*STATIC\n*CLOAD\nRING_X1, 2, 1.\n*END STEP\n"
+    ))
+    scene = deck.scene()
+    assert list(scene.interfaces) == ["RING_X0"]
+    (values,) = solved(deck).table("RING_X0").rows()
+    total_force = sum(np.array([-ring.x[n][1], ring.x[n][0]]) / 20.0 for n in ring.nodes_at(0, True))
+    assert [values["force_x"], values["force_y"]] == pytest.approx(-total_force, rel=1e-6)

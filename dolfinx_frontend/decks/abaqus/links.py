@@ -268,12 +268,11 @@ class Links:
             for node in scope.node_rows(card, row.words[0], row.where):
                 weights[node] = weights.get(node, 0.0) + weight
         total = sum(weights.values())
-        if not weights or min(weights.values()) < 0.0 or not total > 0.0:
+        if min(weights.values(), default=-1.0) < 0.0 or not total > 0.0:
             raise card.error("its weights are >= 0, with a sum that is > 0; give nodes and weights")
-        x = self.mesh.x
-        centre = sum((w * x[n] for n, w in weights.items()), np.zeros(3)) / total
-        away = float(np.linalg.norm(x[reference] - centre))
-        if away > 1e-6 * float(np.ptp(x[list(weights)], axis=0).max()):
+        x, nodes = self.mesh.x, list(weights)
+        away = float(np.linalg.norm(x[reference] - np.average(x[nodes], axis=0, weights=[*weights.values()])))
+        if away > 1e-6 * float(np.ptp(x[nodes], axis=0).max()):
             self.model.note("changed", card, f"forces act at the centroid of its nodes, {away:.4g} away")
         for k in range(1, self.dim + 1):
             terms = [{(n, k): w / total} for n, w in weights.items()]
@@ -411,9 +410,9 @@ class Links:
                 (pieces[next(p for p in own if p in parts)].name, listed(self.mesh.x[node, :d]), vector)
                 for own, (node, vector) in zip(options, vectors.items())
             ]
-            name = f"{each.card.keyword.lower()} {each.where.line}"
+            name = unused(f"{each.card.keyword.lower()} {each.where.line}", used)
             with placed(each.where, each.card.keyword):
-                scene.link(unused(name, used), terms, self.history.value(each.value), each.stiffness)
+                scene.link(name, terms, self.history.value(each.value), each.stiffness)
 
     def _parts(self, options: list[list[int]]) -> set[int] | None:
         """One or two parts, each node in one of them."""

@@ -126,6 +126,7 @@ class Loads:
     def _held_faces(self, p: int, piece: Piece, taken: set[tuple[int, int]]) -> dict[int, set[int]]:
         """Faces of which all nodes are held along one direction; returns the components held at each node."""
         count = len(self._held)
+        rest = next((k for k, curve in enumerate(self._curves) if not any(v for _, v in curve)), None)
         groups: dict[tuple[tuple[int, ...], tuple[float, ...]], Pairs] = {}
         for side in piece.exterior:
             if side in taken:
@@ -133,13 +134,13 @@ class Loads:
             nodes = [n for n in self.mesh.face(side) if n < count]
             found = self._held[nodes]
             alike, key = np.ones(3, dtype=bool), ()
-            if any(n in self.model.transforms for n in nodes):
+            clamped = rest is not None and (found[:, : self.dim] == rest).all()  # along any axes
+            if not clamped and any(n in self.model.transforms for n in nodes):
                 every = np.array([self._axes(n) for n in nodes])
                 alike = np.abs(every - every[0]).max(axis=(0, 2)) < _NEAR
                 key = tuple(listed(np.round(every[0].ravel(), 12)))
-            several = (found != found[0]).any(axis=0)
-            held = (found >= 0).all(axis=0) & np.resize(alike, 3)
-            signature = tuple(listed(np.where(held, np.where(several, _VARIES, found[0]), -1)))
+            own = np.where((found != found[0]).any(axis=0), _VARIES, found[0])
+            signature = tuple(listed(np.where((found >= 0).all(axis=0) & np.resize(alike, 3), own, -1)))
             if any(s != -1 for s in signature):
                 groups.setdefault((signature, key), []).append(side)
         covered: dict[int, set[int]] = {}

@@ -108,7 +108,7 @@ class Mesh:
     def _parted(self, pairs: Pairs, graph: sp.csr_matrix, labels: Ints) -> None:
         """Divide what hangs together around a cut: elements belong to the side of it that is fewer elements
         away."""
-        ours = np.array([e for e, _ in pairs])
+        ours = np.array([e for e, _ in pairs], dtype=np.int64)
         sides = [self.neighbours[side] for side in pairs if side in self.neighbours]
         theirs = np.array([e for e, _ in sides], dtype=np.int64)
         if not np.isin(labels[ours], labels[theirs]).any():
