@@ -187,6 +187,8 @@ def finer(
     }
     for name, places in (beside_touched | dict(edges)).items():
         for number, side in enumerate(problem.interfaces[name].sides):
+            if side.face not in meshes[side.substructure].faces:  # nodes
+                continue
             # smaller cells of the side with the points show what the edge does; the other may be raised
             if number == 0 or name not in edges or problem.dim == 2:
                 at_edges.add(side.substructure)
@@ -427,7 +429,7 @@ def _as_fine_as_the_other_side(
     wanted = {name: each.sizes * ratios.get(name, 1.0) for name, each in meshes.items()}
     for _ in range(2):  # a part may pass it on
         for name, interface in problem.interfaces.items():
-            if interface.space != "points" or len(interface.sides) != 2:
+            if interface.space != "points" or len(interface.sides) != 2 or interface.one_point:
                 continue
             (first, at_first), (second, at_second) = (
                 meshes[side.substructure].faces[side.face] for side in interface.sides

@@ -163,7 +163,7 @@ class StoredPart:
         tdim = mesh.topology.dim
         to_facet = mesh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, _facets_a_cell(mesh))
         facets = to_facet[self._new_cells(mesh)[cells[:, 0]], cells[:, 1]]
-        rows: Ints = np.searchsorted(np.sort(self.part.facet_tags.find(self.names[face])), facets)
+        rows: Ints = np.searchsorted(np.sort(self.part.facet_tags.find(self.names.get(face, -1))), facets)
         return rows
 
     @cached_property

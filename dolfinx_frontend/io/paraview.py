@@ -383,6 +383,7 @@ def write_interfaces(
             group: {
                 name: partial(getattr(writers[name], group), at) if name in writers else None
                 for name in chosen
+                if group == "points" or not carriers[name].face.startswith("(")  # of nodes
             }
             for group in groups
         }

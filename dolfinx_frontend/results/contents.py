@@ -209,7 +209,8 @@ class _Contents:
         for side in sides:
             part, _, face = side.partition(":")
             known = self.faces.get(part)
-            if part not in self.parts or (known is not None and face not in known):
+            nodes = face.startswith("(") and face.endswith(")")
+            if part not in self.parts or (known is not None and face not in known and not nodes):
                 raise LayoutError(f"{node.place('sides')} names {side!r}, which is not in the file")
             if self.nodes[part].shape[1] != dim:
                 raise LayoutError(f"{node.place('points')} have {dim} coordinates, its parts have others")
@@ -238,6 +239,10 @@ class _Contents:
         if "mesh" not in self.parts[part]:
             return
         mesh = self.parts[part].group("mesh")
+        if face not in mesh.texts("faces"):  # nodes
+            if len(facets):
+                raise LayoutError(f"{node.place('facets')} has facets of {side}, which is no face")
+            return
         tag = mesh.wholes("tags", None, below=MANY)[mesh.texts("faces").index(face)]
         tagged = mesh.wholes("facets", None, 3, below=MANY)
         own = {(int(cell), int(facet)) for cell, facet, of in tagged if of == tag}

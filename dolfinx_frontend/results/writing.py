@@ -150,7 +150,8 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
     interface = problem.interfaces[name]
     side = interface.sides[interface.carrier]
     part = problem.substructures[side.substructure].part
-    facets = np.sort(part.facet_tags.find(part.names[side.face]))[interface.facets]
+    tag = part.names.get(side.face, -1)  # nodes have no face
+    facets = np.sort(part.facet_tags.find(tag))[interface.facets]
     tree: Tree = {
         "law": surface.law,
         "description": _described(interface.law),

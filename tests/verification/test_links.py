@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -132,3 +134,27 @@ def test_a_link_between_no_nodes_is_refused() -> None:
     scene.link("end", [("rod", (L, 0.3, 0.0), (1.0, 0.0, 0.0))])
     with pytest.raises(lf.SceneError, match="no node of 'rod'"):
         lf.assemble(scene)
+
+
+def test_results_with_nodes_are_kept(tmp_path: Path) -> None:
+    """Files, pictures' data, sweeps and finer meshes of a scene whose interfaces join nodes."""
+    scene = rods("one", "two")
+    scene.fix(["one:x0", "two:x0"])
+    scene.traction("two:x1", (3.0, 0.0, 0.0))
+    scene.fix_point("one", (L / 2, 1.0, 0.0), 0.0, 2, name="node")
+    terms = [("one", (L, 0.0, 0.0), (-1.0, 0.0, 0.0)), ("two", (L, 2.0, 0.0), (1.0, 0.0, 0.0))]
+    scene.link("link", terms, 0.01)
+    scene.link("spring", terms, stiffness=10.0)
+    result = solved(scene)
+    result.save(tmp_path / "result.h5")
+    loaded = lf.load(tmp_path / "result.h5")
+    for each in (result, loaded):
+        (row,) = each.table("link").rows()
+        assert row["force_x"] == pytest.approx(0.9, rel=1e-6)
+        lf.io.write(each, tmp_path / f"{type(each).__name__}")
+    outputs = {"force": lambda f: f.force("link")[..., 0].sum(axis=-1)}
+    surface = lf.sweep(result.problem, {"link.value": [0.0, 0.02]}, outputs=outputs, progress=False)
+    # both ends carry 3 in two equal springs of 100; the spring beside takes .01 * 10 of the link
+    assert surface.output("force") == pytest.approx([1.5, 0.3], rel=1e-5)
+    fine = lf.solve(scene, accuracy=1e-2, quantity="link", progress=False)
+    assert float(np.ravel(fine.force("link"))[0]) == pytest.approx(0.9, rel=1e-2)
