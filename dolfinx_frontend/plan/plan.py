@@ -72,7 +72,7 @@ _MACRO_FACTOR = 10.0
 _FEW, _MANY = 2, 3
 """Fewest interfaces between parts for which a coarse problem pays: with matrix directions, and without."""
 _UNMATCHED = "its meshes do not match"
-_UNGLUED = "its jump cannot be glued"
+_UNGLUED, _JOINS = "its jump cannot be glued", "it joins several nodes"
 _ASKED = "asked for"
 _PAPER = "the paper keeps them all"
 _RANKS = "its sides lie on two ranks"
@@ -872,7 +872,7 @@ def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str],
         elif unmatched:
             reasons[name] = _UNMATCHED
         else:
-            reasons[name] = _UNGLUED if glues else "its law is nonlinear"
+            reasons[name] = _UNGLUED if glues else _JOINS if law.linear else "its law is nonlinear"
     _free_held_parts(problem, reasons, eliminated)
     return reasons, eliminated
 

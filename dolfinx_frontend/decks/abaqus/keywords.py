@@ -80,7 +80,7 @@ def fate(keyword: str) -> tuple[str, str]:
     if keyword in REPRESENTED:
         return "represented", ""
     if keyword in IGNORED or keyword.endswith(("PRINT", "FILE", "OUTPUT")):
-        return "ignored", IGNORED.get(keyword) or "output is asked of the result"
+        return "ignored", IGNORED.get(keyword, "output is asked of the result")
     if keyword in REFUSED:
         return "refused", REFUSED[keyword]
     near = difflib.get_close_matches(keyword, sorted(REPRESENTED), n=1, cutoff=0.75)
