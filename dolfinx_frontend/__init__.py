@@ -53,6 +53,7 @@ from dolfinx_frontend.scene.laws import (
     UserLaw,
 )
 from dolfinx_frontend.scene.materials import LinearElastic, Material, OrthotropicElastic
+from dolfinx_frontend.scene.matrix import Matrix
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
@@ -151,6 +152,7 @@ __all__ = [
     "LinearElastic",
     "LogNormal",
     "Material",
+    "Matrix",
     "Measure",
     "NearlyIndefiniteWarning",
     "Normal",

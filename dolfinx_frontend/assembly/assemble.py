@@ -16,9 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
-from dolfinx_frontend.assembly.held import axis_resistances, resistance_of
+from dolfinx_frontend.assembly.held import own_resistances, resistance_of
 from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.matrix_part import PointSet, PointsOf, at_points, discretised_matrix, facing, frames_of
 from dolfinx_frontend.assembly.meeting import held_nodes
 from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.part_loads import part_load, spread_load
@@ -190,8 +191,9 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any, before: Probl
         if spec.spread
     }
     substructures, copies = _own_parts(scene, owner, rank, say, comm, before, spread)
-    elsewhere = swap(comm, copies)
+    found = swap(comm, copies)
     with agreement(comm):
+        elsewhere = _lent(scene, substructures, found)
         held = held_nodes(scene, substructures, elsewhere)
         told: dict[int, dict[_Where, Held | None]] = {
             other: {where: _renumbered(held.get(where), scene, substructures, where) for where in faces}
@@ -237,7 +239,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any, before: Probl
         {name: (part.centre, part.length) for name, part in parts.items()},
         [
             *(resistances[name] for name in interfaces),
-            *axis_resistances(parts),
+            *own_resistances(parts),
         ],
     )
     loads = {}
@@ -385,6 +387,9 @@ _Where = tuple[str, int]
 def _known(before: Problem | None, spec: SubstructureSpec) -> Substructure | None:
     """A part as it was assembled before; None: it has another mesh or degree now."""
     part = None if before is None else before.substructures.get(spec.name)
+    frames = frames_of(part)
+    if frames is not None:
+        return part if frames.given is spec.matrix else None
     if part is None or part.part is not spec.part:
         return None
     return part if int(part.space.element.basix_element.degree) == spec.degree else None
@@ -437,10 +442,10 @@ def _own_parts(
     comm: Any,
     before: Problem | None,
     spread: Mapping[str, SpreadPart],
-) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy]]]:
+) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy | PointSet]]]:
     """Parts of this rank, and what others need of them (other rank -> (interface, side) -> face)."""
     substructures: dict[str, Substructure] = {}
-    copies: dict[int, dict[_Where, FaceCopy]] = {}
+    copies: dict[int, dict[_Where, FaceCopy | PointSet]] = {}
     with agreement(comm):
         specs = {}
         for name, spec in scene.substructures.items():
@@ -452,7 +457,8 @@ def _own_parts(
                     specs[name], substructures[name] = own, part
                     continue
                 specs[name] = spec.made()
-                substructures[name] = _known(before, specs[name]) or discretise(specs[name])
+                made = discretise if specs[name].matrix is None else discretised_matrix
+                substructures[name] = _known(before, specs[name]) or made(specs[name])
         for name, joint in scene.interfaces.items():
             for face in joint.faces:
                 if owner[face.substructure] == rank and not (joint.remote and joint.remote.nodes):
@@ -470,10 +476,45 @@ def _own_parts(
                     )
                 if other != rank:
                     s = substructures[face.substructure]
-                    copies.setdefault(other, {})[name, number] = face_copy(
-                        s.part, face.face, s.space, f"interface {name!r}"
-                    )
+                    copies.setdefault(other, {})[name, number] = _copy(s, face.face, f"interface {name!r}")
     return substructures, copies
+
+
+def _copy(s: Substructure, face: str, where: str) -> FaceCopy | PointSet:
+    """What others need of a face."""
+    return face_copy(s.part, face, s.space, where) if frames_of(s) is None else PointSet.of(s, face, where)
+
+
+def _lent(
+    scene: Scene,
+    substructures: Mapping[str, Substructure],
+    elsewhere: Mapping[_Where, FaceCopy | PointSet],
+) -> dict[_Where, FaceCopy]:
+    """Faces that are on other ranks, and faces of matrices, with the facets of the faces opposite."""
+    out = {where: face for where, face in elsewhere.items() if isinstance(face, FaceCopy)}
+    for name, joint in scene.interfaces.items():
+        if len(joint.faces) == 1 or joint.remote is not None:
+            continue
+        where, both = f"interface {name!r}", []
+        for number, face in enumerate(joint.faces):
+            there, s = elsewhere.get((name, number)), substructures.get(face.substructure)
+            if there is None and s is not None:
+                there = PointSet.of(s, face.face, where) if frames_of(s) is not None else None
+            both.append(there)
+        for number, points in enumerate(both):
+            if not isinstance(points, PointSet):
+                continue
+            other, face = both[1 - number], joint.faces[1 - number]
+            if isinstance(other, PointSet):
+                raise SceneError(
+                    f"{where}: {points.what} and {other.what} are both points of a matrix, between which there "
+                    "is no face: join them by scene.rigid or scene.beam"
+                )
+            if other is None:
+                s = substructures[face.substructure]
+                other = face_copy(s.part, face.face, s.space, where)
+            out[name, number] = facing(points, other, str(face), where)
+    return out
 
 
 def _renumbered(
@@ -484,6 +525,8 @@ def _renumbered(
         return None
     face = scene.interfaces[where[0]].faces[where[1]]
     s = substructures[face.substructure]
+    if frames_of(s) is not None:  # its copy has the numbers of the part
+        return held
     facets = FacetMap(s.part, face.face, f"interface {where[0]!r}")
     return replace(held, nodes=np.searchsorted(copied_nodes(facets, s.space), held.nodes))
 
@@ -515,6 +558,9 @@ def _add(sums: dict[int, Array], kind: int, part: Substructure, face: str, remot
     if remote is not None and remote.nodes:
         x = np.array(remote.nodes)
         area = np.full(len(x), part.length ** (part.dim - 1))
+    elif frames_of(part) is not None:
+        on = PointsOf(part, face, f"substructure {part.name!r}")
+        x, area = on.centre[None], np.array([on.area])
     else:
         facets = FacetMap(part.part, face, f"substructure {part.name!r}")
         rule, weights = facets.rule(2)
@@ -552,9 +598,13 @@ def _own_interfaces(
                 interfaces[name] = remote_interface(joint, parts)
                 _check_law(interfaces[name])
                 continue
+            if len(joint.faces) == 1 and frames_of(substructures[joint.faces[0].substructure]) is not None:
+                interfaces[name] = at_points(joint, substructures[joint.faces[0].substructure])
+                _check_law(interfaces[name])
+                continue
             members = [
-                substructures[face.substructure] if r == rank else elsewhere[name, number]
-                for number, (face, r) in enumerate(zip(joint.faces, ranks, strict=True))
+                elsewhere.get((name, number)) or substructures[face.substructure]
+                for number, face in enumerate(joint.faces)
             ]
             interface = make_interface(
                 name,

@@ -17,7 +17,7 @@ from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneWarning, warn
 from dolfinx_frontend.scene.laws import Contact, Elimination, Preload, Rigid
 
-__all__ = ["axis_resistances", "check_determined", "check_held", "held", "resistance_of"]
+__all__ = ["check_determined", "check_held", "held", "own_resistances", "resistance_of"]
 
 
 def held(problem: Problem, interface: Interface, where: Flags | Array | None = None) -> Resistance:
@@ -41,12 +41,15 @@ def resistance_of(interface: Interface, length: float, where: Flags | Array | No
     return resistance(sides, interface.points, interface.weights, rows, length)
 
 
-def axis_resistances(parts: Mapping[str, PartSummary]) -> list[Resistance]:
-    """What holds axisymmetric parts beside their interfaces: they move along their axis only."""
+def own_resistances(parts: Mapping[str, PartSummary]) -> list[Resistance]:
+    """What holds parts beside their interfaces: axisymmetric ones move along their axis only, and a matrix may
+    be grounded."""
+    of_axis = np.diag([1.0, 0.0, 1.0])
+    held = {name: of_axis if part.around else part.held for name, part in parts.items()}
     return [
-        ((name,), np.diag([1.0, 0.0, 1.0]), (part.centre, part.length))
-        for name, part in parts.items()
-        if part.around
+        ((name,), gram, (parts[name].centre, parts[name].length))
+        for name, gram in held.items()
+        if gram is not None
     ]
 
 
@@ -63,7 +66,7 @@ def check_held(problem: Problem) -> None:
     resistances = problem.gather(own)
     check_resistances(
         {name: (part.centre, part.length) for name, part in problem.parts.items()},
-        [*(resistances[name] for name in problem.interfaces), *axis_resistances(problem.parts)],
+        [*(resistances[name] for name in problem.interfaces), *own_resistances(problem.parts)],
     )
 
 

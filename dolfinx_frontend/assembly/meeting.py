@@ -18,6 +18,7 @@ import numpy as np
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
 from dolfinx_frontend.assembly.held_nodes import Held, held_by, joined_holds
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.matrix_part import frames_of
 from dolfinx_frontend.assembly.overlap import common, constant, shape_of
 from dolfinx_frontend.assembly.pairing import coincide, near_facets
 from dolfinx_frontend.assembly.places import NEAR
@@ -95,12 +96,15 @@ def held_nodes(
     substructures
         Those of this rank.
     elsewhere
-        Faces opposite to theirs that are on other ranks.
+        Faces opposite to theirs that are on other ranks, and faces of matrices.
     """
     faces = _Faces(scene, substructures, elsewhere)
     members: dict[str, list[_Where]] = {name: [] for name in substructures}
     for name, joint in scene.interfaces.items():
         for number, face in enumerate(joint.faces):
+            part = substructures.get(face.substructure)
+            if len(joint.faces) == 1 and frames_of(part) is not None:
+                continue  # points without facets
             if face.substructure in members and joint.law.rigid and joint.remote is None:
                 members[face.substructure].append((name, number))
     out: dict[_Where, Held] = {}

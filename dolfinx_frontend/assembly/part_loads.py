@@ -11,7 +11,8 @@ import numpy as np
 import ufl
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
-from dolfinx_frontend.assembly.places import place_of, place_on_ranks
+from dolfinx_frontend.assembly.matrix_part import PointsOf, frames_of
+from dolfinx_frontend.assembly.places import place_in, place_on_ranks
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.assembly.substructure import Sources, Substructure, ring
@@ -23,7 +24,7 @@ from dolfinx_frontend.scene.loads import AXES, Load, LoadTerm
 from dolfinx_frontend.scene.materials import strain
 from dolfinx_frontend.scene.values import is_zero
 
-__all__ = ["FaceOf", "PartLoad", "cross", "fitting", "part_load", "spread_load"]
+__all__ = ["FaceOf", "PartLoad", "cross", "face_of", "fitting", "part_load", "spread_load"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -167,6 +168,9 @@ def _on_mesh(where: str, s: Substructure, value: Any, shape: tuple[int, ...]) ->
 
 
 def _form(load: Load, s: Substructure, shape: Any) -> _Shape:
+    frames = frames_of(s)
+    if frames is not None:
+        return _Shape(frames.loads(shape, load.where))
     return _assembled(load.where, s, shape(ufl.TestFunction(s.space)))
 
 
@@ -269,6 +273,11 @@ class FaceOf:
         return np.asarray(force / self.area + np.cross(np.linalg.solve(inertia, moment), r))
 
 
+def face_of(s: Substructure, face: str, where: str) -> FaceOf | PointsOf:
+    """A face of a part, or points of a matrix, for forces and mean motions."""
+    return FaceOf(s, face, where) if frames_of(s) is None else PointsOf(s, face, where)
+
+
 def cross(a: Array, b: Array) -> Array:
     """Cross product of vectors (..., 2), a number, or (..., 3)."""
     if a.shape[-1] == 2:
@@ -282,7 +291,7 @@ def fitting(where: str, what: str, vector: Any, d: int) -> Array:
     return np.asarray(vector, dtype=np.float64)
 
 
-def _wrench(face: FaceOf, kind: str, axis: int, point: Array) -> Array:
+def _wrench(face: FaceOf | PointsOf, kind: str, axis: int, point: Array) -> Array:
     """Traction (m, d) whose resultant is a unit force at a point, or a unit moment, along an axis."""
     d = face.dim
     if face.around:
@@ -301,7 +310,7 @@ def _wrench(face: FaceOf, kind: str, axis: int, point: Array) -> Array:
 
 def _force(load: Load, s: Substructure, shape: Any) -> _Shape:
     kind, axis, point = shape
-    face = FaceOf(s, load.face, load.where)
+    face = face_of(s, load.face, load.where)
     if axis >= s.dim and (kind == "force" or s.dim == 3):
         raise SceneError(f"{load.where}: a {kind} along {AXES[axis]!r} on a part of {s.dim} dimensions")
     if kind == "moment" and s.dim == 2 and axis != 2:
@@ -358,15 +367,16 @@ def _traction(load: Load, s: Substructure, shape: Any) -> _Shape:
 
 def _point_force(load: Load, s: Substructure, shape: Any) -> _Shape:
     axis, point = shape
-    where, mesh, here = load.where, s.part.mesh, True
+    where, here = load.where, True
     place_at = fitting(where, "point", point, s.dim)
     if axis >= s.dim:
         raise SceneError(f"{where}: a component {AXES[axis]!r} on a part of {s.dim} dimensions")
     if isinstance(s, Condensed):
+        mesh = s.part.mesh
         rank, place = place_on_ranks(where, mesh, s.space, place_at)
         here = rank == mesh.comm.rank
     else:
-        place = place_of(where, mesh, s.space, place_at)
+        place = place_in(where, s, place_at)
     nodal = np.zeros((s.size // s.dim, s.dim))
     if here:
         nodal[place.nodes, axis] = place.shape
@@ -386,6 +396,26 @@ _KINDS: dict[str, Callable[[Load, Substructure, Any], _Shape]] = {
 }
 
 
+_OF_POINTS = ("load", "force", "point_force")
+"""Loads of parts that are a matrix."""
+
+
+def _check_kind(load: Load, s: Substructure) -> None:
+    """Refuse loads that a part without a mesh, or with one, cannot have."""
+    if frames_of(s) is None:
+        if load.kind == "load" and any(isinstance(shape, str) for shape in load.shapes.values()):
+            raise SceneError(f"{load.where}: a name is a load of a Matrix; give a function v -> UFL integrand or form")
+    elif load.kind not in _OF_POINTS:
+        raise SceneError(
+            f"{load.where}: a {load.kind} on {s.name!r}, which is a Matrix: give it as one of its loads={{name: "
+            "forces}} and scene.load(part, name), or use scene.force or scene.point_force"
+        )
+    elif load.kind == "load" and not all(isinstance(shape, str) for shape in load.shapes.values()):
+        raise SceneError(
+            f"{load.where}: a form on {s.name!r}, which is a Matrix: give the name of one of its loads"
+        )
+
+
 def part_load(load: Load, s: Substructure | None) -> PartLoad:
     """A load on a part of this rank; None: the part is on another one.
 
@@ -397,6 +427,8 @@ def part_load(load: Load, s: Substructure | None) -> PartLoad:
     columns: dict[str, dict[str, Array]] = {parameter: {} for parameter in load.values}
     stresses: dict[str, Any] = {}
     sources: list[Sources] = []
+    if s is not None:
+        _check_kind(load, s)
     for parameter, shape in load.shapes.items() if s is not None else ():
         assert s is not None
         if s.around and load.kind == "force" and shape[0] == "force" and shape[1] != 1:

@@ -9,12 +9,14 @@ import numpy as np
 from dolfinx import geometry
 
 from dolfinx_frontend.assembly.elements import tabulate
+from dolfinx_frontend.assembly.matrix_part import frames_of
 from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Place", "place_of", "place_on_ranks"]
+__all__ = ["Place", "place_in", "place_of", "place_on_ranks"]
 
 NEAR = 1e-6
 """Distance from a part, relative to its size, within which a point is one of its points."""
@@ -53,6 +55,28 @@ def place_of(where: str, mesh: Any, space: Any, point: Array) -> Place:
     cell, gap = _nearest(mesh, point, size)
     _check_gap(where, point, gap, size)
     return _placed(mesh, space, cell, point)
+
+
+def place_in(where: str, s: Substructure, point: Array) -> Place:
+    """The place of a point (d,) in a part, which may be a matrix: then at one of its points.
+
+    Raises
+    ------
+    SceneError
+        As for :func:`place_of`.
+    """
+    frames = frames_of(s)
+    if frames is None:
+        return place_of(where, s.part.mesh, s.space, point)
+    away = np.linalg.norm(frames.given.points - point, axis=1)
+    at = int(np.argmin(away))
+    if away[at] > NEAR * s.length:
+        place, near = (", ".join(f"{v:.6g}" for v in x) for x in (point, frames.given.points[at]))
+        raise SceneError(
+            f"{where}: ({place}) is no point of {s.name!r}, which is a matrix; the nearest one is at ({near}), "
+            f"{away[at]:.4g} away"
+        )
+    return Place(0, np.zeros(s.dim), np.array([at]), np.ones(1))
 
 
 def place_on_ranks(where: str, mesh: Any, space: Any, point: Array) -> tuple[int, Place]:

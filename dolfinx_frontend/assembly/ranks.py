@@ -77,6 +77,8 @@ class PartSummary:
     cells: tuple[Array, Array, int] | None = field(default=None, repr=False)
     """Of a factor that is a random field: midpoints and volumes of the cells, and their dimension, as
     :class:`dolfinx_frontend.assembly.stretch.Stretch` has them."""
+    held: Array | None = field(default=None, repr=False)
+    """Gram matrix (r, r) of the rigid motions that it resists by itself; None: of none."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,8 @@ def _cost(spec: SubstructureSpec) -> float:
     """Relative cost of a part: a factor of n unknowns holds about n^(4/3) numbers; 0: not known yet."""
     if spec.lazy:
         return 0.0
+    if spec.matrix is not None:
+        return float(spec.matrix.stiffness.nnz)
     nodes = spec.part.mesh.geometry.index_map().size_global
     grow = spec.degree / max(int(coordinate_map(spec.part.mesh).degree), 1)
     return float((spec.dim * nodes * grow**spec.dim) ** (4 / 3))

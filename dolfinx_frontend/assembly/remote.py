@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.interface import Interface, Side
-from dolfinx_frontend.assembly.part_loads import FaceOf, cross, fitting
+from dolfinx_frontend.assembly.part_loads import cross, face_of, fitting
 from dolfinx_frontend.assembly.places import NEAR
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
@@ -54,7 +54,7 @@ def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> 
     Its bending energy is E I / 2 L (theta2 - theta1)^2 + 6 E I / L ((theta1 + theta2) / 2 - dv / L)^2.
     """
     where, d = f"interface {spec.name!r}", parts[0].dim
-    ends = [FaceOf(s, face.face, where).centre for face, s in zip(spec.faces, parts, strict=True)]
+    ends = [face_of(s, face.face, where).centre for face, s in zip(spec.faces, parts, strict=True)]
     length = float(np.linalg.norm(ends[1] - ends[0]))
     size = max(s.length for s in parts)
     if length < 1e-6 * size:
@@ -170,7 +170,7 @@ def _mean_motion(
 ) -> tuple[Side, Array, Array]:
     """A side, its force and moment (about the point), and the point."""
     where, d = f"interface {spec.name!r}", s.dim
-    own = FaceOf(s, face.face, where)
+    own = face_of(s, face.face, where)
     if s.around:
         force, moment = np.array(remote.forces[number]), np.array(remote.moments[number])
         if moment.any() or force[[0, 2]].any():

@@ -229,7 +229,10 @@ class Substructure(OneProcess):
 
     @cached_property
     def surface(self) -> int:
-        """Nodes on exterior facets."""
+        """Nodes on exterior facets; of a matrix all."""
+        known = getattr(self.part, "surface", None)
+        if known is not None:
+            return int(known)
         mesh = self.part.mesh
         d = mesh.topology.dim
         mesh.topology.create_connectivity(d - 1, d)
@@ -553,4 +556,5 @@ def summary(s: Substructure) -> PartSummary:
         s.around,
         float(modulus) if is_real(modulus) else None,
         s.factor,
+        held=getattr(s.part, "held", None),
     )

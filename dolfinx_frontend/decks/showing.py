@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from dolfinx_frontend.assembly.held import axis_resistances, held
+from dolfinx_frontend.assembly.held import held, own_resistances
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import free_motions
 from dolfinx_frontend.common.describe import columns
@@ -88,7 +88,7 @@ def outlook(deck: Deck, problem: Problem) -> str:
             lines.append(f"gap of {name} as meshed: {low:.4g} to {high:.4g} {units['length']}".rstrip())
     resisting = [held(problem, each) for each in problem.interfaces.values() if not each.law.unilateral]
     parts = {name: (part.centre, part.length) for name, part in problem.parts.items()}
-    free = free_motions(parts, [*resisting, *axis_resistances(problem.parts)])
+    free = free_motions(parts, [*resisting, *own_resistances(problem.parts)])
     if len(free):
         for names, words in free.describe(np.eye(len(free))):
             lines.append(f"held by contact and friction only: {', '.join(names)}: {'; '.join(words)}")

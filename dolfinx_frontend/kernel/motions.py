@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dolfinx_frontend.assembly.held import axis_resistances, held
+from dolfinx_frontend.assembly.held import held, own_resistances
 from dolfinx_frontend.assembly.interface import Interface, Side
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import free_motions
@@ -33,7 +33,7 @@ def motions_of(own: Problem, members: Sequence[str], inside: Sequence[Interface]
     """
     parts = {name: own.substructures[name] for name in members}
     resisting = [held(own, each) for each in inside]
-    resisting += axis_resistances({name: own.parts[name] for name in members})
+    resisting += own_resistances({name: own.parts[name] for name in members})
     found = free_motions({n: (p.centre, p.length) for n, p in parts.items()}, resisting)
     if not len(found):
         return {}

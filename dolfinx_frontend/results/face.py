@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_frontend.assembly.matrix_part import frames_of
 from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.common.arrays import Array, Ints
@@ -231,7 +232,10 @@ class Face(ABC):
         return self.everywhere(interface, lambda: (self.force(interface), self.jump(interface)))
 
     def function(self, part: str, unknowns: Array, name: str) -> fem.Function:
-        """Unknowns (n,) as a dolfinx function."""
+        """Unknowns (n,) as a dolfinx function; of a matrix as a :class:`Motion` of its points."""
+        frames = frames_of(self.problem.substructures[part])
+        if frames is not None:
+            return frames.motion(unknowns, linear=name == "displacement")
         function = fem.Function(self.problem.substructures[part].V, name=name)
         function.x.array[:] = unknowns
         return function
@@ -373,6 +377,8 @@ class Face(ABC):
         if self._factored(part):
             found = self._stress_moments if of == "tensor" else partial(made_of_stress, self, of=of)
             return found(part, step)[0]
+        if frames_of(self.problem.substructures[part]) is not None:
+            raise SceneError(f"stress of {part!r}: it is a matrix, of which only displacements are known")
         if self.problem.substructures[part].material is None:
             raise SceneError(
                 f"stress of {part!r}: no material is known for it. A file has none of a part with initial "

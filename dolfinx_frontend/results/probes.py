@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_frontend.assembly.places import Place, place_of, place_on_ranks
+from dolfinx_frontend.assembly.places import Place, place_in, place_on_ranks
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.assembly.ranks import agreement, one_call
 from dolfinx_frontend.assembly.spread import Condensed
@@ -113,7 +113,7 @@ class AtPoint:
         with agreement(comm):
             if part in problem.substructures:
                 s = problem.substructures[part]
-                place = self._place = place_of(where, s.part.mesh, s.space, self.point)
+                place = self._place = place_in(where, s, self.point)
                 loads: list[tuple[str, str, Array]] = []
                 if self.of == "stress":
                     problem.check_sources(part)

@@ -55,6 +55,7 @@ from dolfinx_frontend.scene.loads import (
     shaped,
 )
 from dolfinx_frontend.scene.materials import Material, checked_expansion
+from dolfinx_frontend.scene.matrix import Matrix
 from dolfinx_frontend.scene.specs import (
     OVERLAPS,
     SPACES,
@@ -142,8 +143,8 @@ class Scene:
     def substructure(
         self,
         name: str,
-        part: PartLike | Callable[[], PartLike],
-        material: Material | Callable[[Any, Any], Any],
+        part: PartLike | Matrix | Callable[[], PartLike | Matrix],
+        material: Material | Callable[[Any, Any], Any] | None = None,
         degree: int = 2,
         body_force: Any = None,
         rank: int | None = None,
@@ -157,9 +158,9 @@ class Scene:
             Its name; without a colon.
         part
             Mesh with named faces, or a function that makes it: on several MPI ranks it is called on
-            the rank that owns the part only, when the scene is assembled.
+            the rank that owns the part only, when the scene is assembled. Or a :class:`Matrix`.
         material
-            Object with ``bilinear(u, v)``, or callable (u, v) -> UFL integrand or form.
+            Object with ``bilinear(u, v)``, or callable (u, v) -> UFL integrand or form; of a matrix none.
         degree
             Degree of the Lagrange displacements, 1 to 3.
         body_force
@@ -202,7 +203,7 @@ class Scene:
             raise SceneError(f"{where}: degree = {short(degree)} is not supported; use 1, 2 or 3")
         if rank is not None:
             checked_whole(where, "rank", rank, 0)
-        if not isinstance(material, Material) and not callable(material):
+        if not (material is None or isinstance(material, Material) or callable(material)):
             raise SceneError(
                 f"{where}: {type(material).__name__} is not a material; give LinearElastic(E, nu) "
                 "or a callable (u, v) -> UFL integrand"
@@ -650,7 +651,7 @@ class Scene:
 
     @journaled
     def load(
-        self, part: str, form: Callable[[Any], Any], factor: Value = 1.0, name: str | None = None
+        self, part: str, form: Callable[[Any], Any] | str, factor: Value = 1.0, name: str | None = None
     ) -> None:
         """Any load of a part: a linear form of the test function.
 
@@ -658,13 +659,14 @@ class Scene:
         ----------
         form
             v -> UFL integrand over the part (force * length / volume), or a whole UFL form with measures of
-            the part's mesh, linear in v.
+            the part's mesh, linear in v. Of a :class:`Matrix` the name of one of its loads.
         factor
             A number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
         name
             Under which its parameters are found; None: from kind and part.
         """
-        checked_callable(f"load of {part!r}", "form", form, "give a function v -> UFL integrand or form")
+        if not isinstance(form, str):
+            checked_callable(f"load of {part!r}", "form", form, "give a function v -> UFL integrand or form")
         self._add("load", part, name, {"factor": factor}, {"factor": form})
 
     @journaled
@@ -900,6 +902,9 @@ class Scene:
         ]
         parts = []
         for s in self.substructures.values():
+            if s.matrix is not None:
+                parts.append((s.name, str(len(s.matrix.points)), f"points of a matrix, {s.matrix.size} unknowns"))
+                continue
             material = type(s.material).__name__ if isinstance(s.material, Material) else "UFL form"
             cells, kind = ("", "not made yet") if s.lazy else (
                 str(s.part.mesh.topology.index_map(s.dim).size_local), f"{s.cell}s"

@@ -19,6 +19,7 @@ from dolfinx_frontend.common.straight import straight_mesh
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
+from dolfinx_frontend.scene.matrix import Matrix
 from dolfinx_frontend.scene.values import Parameter, is_random_field, is_plain, is_uncertain
 
 __all__ = [
@@ -98,8 +99,8 @@ class SubstructureSpec:
     """A part with its material; see :meth:`Scene.substructure`."""
 
     name: str
-    source: PartLike | Callable[[], PartLike]
-    material: Material | Callable[[Any, Any], Any]
+    source: PartLike | Matrix | Callable[[], PartLike | Matrix]
+    material: Material | Callable[[Any, Any], Any] | None
     degree: int
     body_force: Any
     rank: int | None = None
@@ -117,7 +118,12 @@ class SubstructureSpec:
     @property
     def spread(self) -> bool:
         """Whether its mesh is spread over the ranks."""
-        return not self.lazy and int(self.part.mesh.comm.size) > 1
+        return not self.lazy and self.matrix is None and int(self.part.mesh.comm.size) > 1
+
+    @property
+    def matrix(self) -> Matrix | None:
+        """The matrix that the part is; None: it has a mesh, or is not made yet."""
+        return self.source if isinstance(self.source, Matrix) else None
 
     @property
     def part(self) -> PartLike:
@@ -128,7 +134,7 @@ class SubstructureSpec:
     @property
     def dim(self) -> int:
         """Space dimension."""
-        return int(self.part.mesh.geometry.dim)
+        return int(self.part.mesh.geometry.dim) if self.matrix is None else self.matrix.dim
 
     @property
     def cell(self) -> str:
@@ -177,6 +183,21 @@ class SubstructureSpec:
         )
         return replace(self, source=Straight(self.part, *straight_mesh(self.part)))
 
+    def _checked_matrix(self, where: str) -> SubstructureSpec:
+        """The same, of a part that is a matrix: it has all of its stiffness."""
+        if self.material is not None or self.body_force is not None:
+            raise SceneError(
+                f"{where}: {'a material' if self.material is not None else 'body_force'} beside a Matrix, which "
+                "is the whole stiffness and has loads of its own: leave it out, or give it as loads={name: forces}"
+            )
+        if self.axisymmetric:
+            raise SceneError(f"{where}: a Matrix in an axisymmetric scene; model it in 3D")
+        if is_random_field(self.stiffness):
+            raise SceneError(
+                f"{where}: stiffness = {short(self.stiffness)}, and a Matrix has no cells; give a random number"
+            )
+        return self
+
     def made(self) -> SubstructureSpec:
         """The same with its part made, and checked.
 
@@ -187,6 +208,10 @@ class SubstructureSpec:
         """
         spec = replace(self, source=self.source()) if callable(self.source) else self
         where, part = f"substructure {self.name!r}", spec.source
+        if isinstance(part, Matrix):
+            return spec._checked_matrix(where)
+        if spec.material is None:
+            raise SceneError(f"{where}: no material; give one, e.g. LinearElastic(E, nu)")
         for attribute in ("mesh", "facet_tags", "names"):
             if not hasattr(part, attribute):
                 raise SceneError(

@@ -36,7 +36,7 @@ from typing import TypeVar
 import numpy as np
 from latin_core import SweepPoints, SweptParameter
 
-from dolfinx_frontend.assembly.held import axis_resistances, check_held, held
+from dolfinx_frontend.assembly.held import check_held, held, own_resistances
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
@@ -174,7 +174,7 @@ def _decide(problem: Problem, work: Callable[[], T]) -> T:
 
 def _free(problem: Problem, resistances: Mapping[str, Resistance]) -> FreeMotions:
     parts = {name: (part.centre, part.length) for name, part in problem.parts.items()}
-    motions = free_motions(parts, [*resistances.values(), *axis_resistances(problem.parts)])
+    motions = free_motions(parts, [*resistances.values(), *own_resistances(problem.parts)])
     if not len(motions):
         return motions
     groups, r, q = motions.basis.shape

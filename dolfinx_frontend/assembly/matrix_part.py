@@ -1,0 +1,406 @@
+"""Parts that are given as a matrix, made to look like the others to all that follows.
+
+Nodes have displacements only, as those of a mesh have.  A point with rotations is a rigid frame of three nodes
+(in 2D two): the point, and one at the end of an arm along x and y each.  Six of the nine numbers are the motion
+of the point; the other three strain the frame, and springs between its nodes resist them.  Forces on a point,
+and moments, act on the six only, so that the frame is never strained: its springs have no influence.
+
+A face is a set of points.  Where it is joined to the face of a mesh, its points are nodes of that face, which
+lends it its facets, seen from behind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NoReturn
+
+import basix
+import numpy as np
+
+from dolfinx_frontend.assembly.elements import petsc_matrix
+from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
+from dolfinx_frontend.assembly.interface import Interface, Side
+from dolfinx_frontend.assembly.rigid import rigid_modes
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.deferred import sp, spatial
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import read_only
+from dolfinx_frontend.scene.laws import Displacement, Elimination
+from dolfinx_frontend.scene.matrix import Matrix
+from dolfinx_frontend.scene.specs import InterfaceSpec, SubstructureSpec
+
+__all__ = [
+    "Frames",
+    "Motion",
+    "PointSet",
+    "PointsOf",
+    "at_points",
+    "discretised_matrix",
+    "facing",
+    "frames_of",
+]
+
+_NEAR = 1e-6
+"""Distance of a point from a node, relative to the smallest facet, within which they are one."""
+
+_ARM = 0.5
+"""Arms of frames relative to the size of the part."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Displacement of a part that is a matrix, at its points.
+
+    Attributes
+    ----------
+    points
+        (m, d), length.
+    displacements
+        (m, d), length.
+    rotations
+        (m, 3), in 2D (m, 1), radians; None: its points have none, or the numbers are deviations.
+    """
+
+    points: Array
+    displacements: Array
+    rotations: Array | None = None
+
+
+class Frames:
+    """A matrix as the part (:class:`PartLike`) of a substructure.
+
+    Attributes
+    ----------
+    given
+        As the scene has it.
+    motions
+        (n of the matrix, n): displacements and rotations of the points from the unknowns of the nodes.
+    strains
+        (k, n): what strains the frames.
+    held
+        As :attr:`Matrix.held`; None: it is free.
+    surface
+        Nodes that others may meet: all.
+    """
+
+    def __init__(self, given: Matrix) -> None:
+        self.given, self.names = given, given.names
+        self.motions, self.strains = _frames(given)
+        self.held = given.held if given.held.any() else None
+        self.surface = self.motions.shape[1] // given.dim
+
+    @property
+    def mesh(self) -> NoReturn:
+        """Refused as :attr:`Matrix.mesh`."""
+        return self.given.mesh
+
+    facet_tags = mesh
+
+    def motion(self, unknowns: Array, linear: bool = True) -> Motion:
+        """What unknowns (n,) are at the points; `linear`: they are displacements, and no deviations."""
+        m, d = self.given.points.shape
+        rotations = None
+        if self.given.rotates and linear:
+            rotations = (self.motions @ unknowns).reshape(m, -1)[:, d:]
+        return Motion(self.given.points, np.asarray(unknowns).reshape(-1, d)[:m], rotations)
+
+    def loads(self, name: str, where: str) -> Array:
+        """Forces (n,) on the nodes of one of the loads of the matrix."""
+        check_known("load of the matrix", name, self.given.loads, where)
+        return np.asarray(self.motions.T @ self.given.loads[name])
+
+
+def frames_of(s: object) -> Frames | None:
+    """The matrix that a substructure is; None: it has a mesh."""
+    part = getattr(s, "part", None)
+    return part if isinstance(part, Frames) else None
+
+
+def discretised_matrix(spec: SubstructureSpec) -> Substructure:
+    """The part of a scene."""
+    given = spec.matrix
+    assert given is not None
+    part = Frames(given)
+    m, d = given.points.shape
+    x = given.points
+    if given.rotates:
+        arms = _ARM * given.length * np.eye(d)[: d - 1]
+        x = np.concatenate([x, *(x + arm for arm in arms)])
+    stiffness = given.stiffness
+    if given.rotates:
+        springs = float(given.stiffness.diagonal().reshape(m, -1)[:, :d].mean())
+        stiffness = part.motions.T @ given.stiffness @ part.motions + springs * (part.strains.T @ part.strains)
+    centre = given.centre
+    return Substructure(
+        name=spec.name,
+        part=part,
+        space=None,
+        stiffness=petsc_matrix(stiffness.tocsr()),
+        load=np.zeros(x.size),
+        rigid_modes=rigid_modes(x, centre, given.length).reshape(x.size, -1),
+        modulus=given.modulus(),
+        length=given.length,
+        volume=given.length**d,
+        centre=centre,
+        dof_coordinates=x,
+        factor=spec.stiffness,
+    )
+
+
+def _frames(given: Matrix) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Motions of the points (n of the matrix, n), and strains of their frames, from the unknowns."""
+    m, d = given.points.shape
+    if not given.rotates:
+        return sp.identity(given.size, format="csr"), sp.csr_matrix((0, given.size))
+    arm = _ARM * given.length
+    # by row: (component of the point, or number of a strain), and what it takes of which end and axis
+    if d == 3:
+        turns = {3: [(2, 2, 1.0)], 4: [(1, 2, -1.0)], 5: [(1, 1, 0.5), (2, 0, -0.5)]}
+        strained = [[(1, 0, 1.0)], [(2, 1, 1.0)], [(1, 1, 0.5**0.5), (2, 0, 0.5**0.5)]]
+    else:
+        turns = {2: [(1, 1, 1.0)]}
+        strained = [[(1, 0, 1.0)]]
+    rows: list[Ints] = []
+    columns: list[Ints] = []
+    values: list[Array] = []
+    point = np.arange(m)
+
+    def add(row: Ints, node: int, axis: int, value: float) -> None:
+        rows.append(row)
+        columns.append(d * (node * m + point) + axis)
+        values.append(np.full(m, value))
+
+    for axis in range(d):
+        add(given.components * point + axis, 0, axis, 1.0)
+    for component, terms in turns.items():
+        for node, axis, value in terms:
+            add(given.components * point + component, node, axis, value / arm)
+            add(given.components * point + component, 0, axis, -value / arm)
+    size = d * d * m
+    motions = _sparse(rows, columns, values, (given.size, size))
+    rows, columns, values = [], [], []
+    for number, terms in enumerate(strained):
+        for node, axis, value in terms:
+            add(len(strained) * point + number, node, axis, value)
+            add(len(strained) * point + number, 0, axis, -value)
+    return motions, _sparse(rows, columns, values, (len(strained) * m, size))
+
+
+def _sparse(rows: list[Ints], columns: list[Ints], values: list[Array], shape: tuple[int, int]) -> sp.csr_matrix:
+    data, at = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return sp.csr_matrix((data, at), shape=shape)
+
+
+def _points_of(given: Matrix, face: str, where: str) -> Ints:
+    check_known("face", face, given.faces, where)
+    return given.faces[face]
+
+
+class PointsOf:
+    """Points of a part that is a matrix in the place of a face: resultants of forces on them.
+
+    Forces are spread over the points evenly and linearly; where that cannot carry a moment (a single point, or
+    points on a line), their rotations take part.
+    """
+
+    around = False
+
+    def __init__(self, s: Substructure, face: str, where: str) -> None:
+        frames = frames_of(s)
+        assert frames is not None
+        self.given, self.where, self.dim = frames.given, f"{where}, {s.name}:{face}", s.dim
+        self._motions = frames.motions
+        self.some = _points_of(frames.given, face, where)
+        self.x = frames.given.points[self.some]
+        self.centre: Array = np.asarray(self.x.mean(axis=0), dtype=np.float64)
+        self.area = s.length ** (s.dim - 1) * len(self.some) / len(frames.given.points)
+
+    def nodal(self, forces: Array) -> Array:
+        """Forces (n,) on the nodes, of forces and moments (k, components) on the points."""
+        every = np.zeros((len(self.given.points), self.given.components))
+        every[self.some] = forces
+        return np.asarray(self._motions.T @ every.ravel())
+
+    def spread(self, force: Array, moment: Array) -> Array:
+        """Forces and moments on the points (k, components) with a resultant: a force and a moment about their
+        centre.
+
+        Raises
+        ------
+        SceneError
+            The points cannot carry it.
+        """
+        d, length = self.dim, self.given.length
+        wanted = np.concatenate([force, np.asarray(moment) / length])
+        motions = self.given.motions(self.centre, self.some).reshape(len(self.some), self.given.components, -1)
+        weights = np.ones(self.given.components)
+        weights[d:] = 0.0
+        if np.linalg.matrix_rank(motions[:, :d].reshape(-1, motions.shape[2]), tol=1e-6) < motions.shape[2]:
+            weights[d:] = length
+        scaled = (motions * weights[:, None]).reshape(-1, motions.shape[2])
+        found = np.linalg.lstsq(scaled.T, wanted, rcond=1e-9)[0]
+        if np.abs(scaled.T @ found - wanted).max() > 1e-9 * np.abs(wanted).max():
+            raise SceneError(
+                f"{self.where}: its {len(self.some)} points cannot carry this moment: give points that are not "
+                "on a line, or a matrix with rotations"
+            )
+        return np.asarray(found.reshape(len(self.some), -1) * weights)
+
+
+@dataclass(frozen=True)
+class PointSet:
+    """A face of a part that is a matrix, as others see it. Plain data.
+
+    Attributes
+    ----------
+    x, nodes
+        (k, d) coordinates and (k,) numbers of its points.
+    every
+        (nodes of the part, d).
+    what
+        Its name, for messages.
+    """
+
+    x: Array
+    nodes: Ints
+    every: Array
+    what: str
+
+    @classmethod
+    def of(cls, s: Substructure, face: str, where: str) -> PointSet:
+        """A face of a part of this rank."""
+        frames = frames_of(s)
+        assert frames is not None
+        some = _points_of(frames.given, face, where)
+        return cls(frames.given.points[some], some, np.array(s.dof_coordinates), f"{s.name}:{face}")
+
+
+def facing(points: PointSet, other: FaceCopy, name: str, where: str) -> FaceCopy:
+    """The face that points are, with the facets of a face that is at the same place, from the other side.
+
+    Parameters
+    ----------
+    points
+        They are nodes of the other face: all that its displacements have there, or those at the vertices.
+    other, name
+        The other face, and its name.
+    where
+        Prefix of error messages.
+
+    Raises
+    ------
+    SceneError
+        Points that are no nodes of the other face, or facets of which only some nodes are points.
+    """
+    d = points.x.shape[1]
+    facets = FacetMap(other, "", where)
+    least = _NEAR * float(facets.sizes.min())
+    tree = spatial.cKDTree(points.x)
+    nearest = spatial.cKDTree(other.coordinates[:, :d]).query(points.x)[0]
+    for degree in dict.fromkeys((other.degree, 1)):
+        cell, lagrange = basix.CellType[other.cell], basix.LagrangeVariant(other.lagrange)
+        element = basix.create_element(basix.ElementFamily.P, cell, degree, lagrange)
+        closure = np.array(element.entity_closure_dofs[d - 1])[other.local]
+        if degree == other.degree:
+            x = other.coordinates[other.dofs][:, :, :d]
+        elif other.order == 1:  # on curved facets a rotation is not linear
+            x = other.nodes
+        else:
+            continue
+        off, at = tree.query(np.take_along_axis(x, closure[:, :, None], axis=1))
+        whole = (off < least).all(axis=1)
+        if len(np.unique(at[whole])) == len(points.x):
+            dofs = np.full((int(whole.sum()), element.dim), points.nodes[0])
+            np.put_along_axis(dofs, closure[whole], points.nodes[at[whole]], axis=1)
+            return replace(
+                other,
+                nodes=_from_behind(other, whole),
+                local=other.local[whole],
+                degree=degree,
+                dofs=dofs,
+                coordinates=np.pad(points.every, ((0, 0), (0, 3 - d))),
+            )
+    beside = int(np.count_nonzero(nearest >= least))
+    if beside:
+        worst = int(np.argmax(nearest))
+        place = ", ".join(f"{v:.6g}" for v in points.x[worst])
+        raise SceneError(
+            f"{where}: {beside} of {len(points.x)} points of {points.what} are no nodes of {name}; the one at "
+            f"({place}) is {nearest[worst]:.4g} away: reduce the part to the nodes of {name}, or join them by "
+            "scene.rigid or scene.beam"
+        )
+    raise SceneError(
+        f"{where}: the points of {points.what} are some of the nodes of facets of {name}: give all nodes of its "
+        "displacements there (with degree 2 also those in the middle of edges), or join them by scene.rigid"
+    )
+
+
+def _from_behind(other: FaceCopy, whole: Array) -> Array:
+    """(k, nodes per cell, d): cells on the other side of their facets, which stay where they are."""
+    cell = basix.CellType[other.cell]
+    variant = basix.LagrangeVariant(other.variant)
+    element = basix.create_element(basix.ElementFamily.P, cell, other.order, variant)
+    d = other.nodes.shape[2]
+    closures = element.entity_closure_dofs[d - 1]
+    corners = np.array(basix.topology(cell)[d - 1])
+    out = other.nodes[whole].copy()
+    for number in np.unique(other.local[whole]):
+        here = other.local[whole] == number
+        beside = np.setdiff1d(np.arange(out.shape[1]), closures[number])
+        middle = out[here][:, corners[number]].mean(axis=1, keepdims=True)
+        out[np.ix_(here, beside)] = 2.0 * middle - out[np.ix_(here, beside)]
+    return out
+
+
+def at_points(spec: InterfaceSpec, s: Substructure) -> Interface:
+    """A support, or a rigid group, of points; a support of all components holds their rotations as well.
+
+    Raises
+    ------
+    SceneError
+        Another law, which needs a face with an area.
+    """
+    where, face, law = f"interface {spec.name!r}", spec.faces[0], spec.law
+    on = PointsOf(s, face.face, where)
+    clamped = law.elimination is Elimination.TIED and not getattr(law, "plane", False)
+    if isinstance(law, Displacement):
+        clamped = law.components is None or len(law.components) == s.dim
+    elif not clamped:
+        raise SceneError(
+            f"{where}: {law.title} needs a face with an area, and {face} are points of a matrix: fix them, join "
+            "them to the nodes of a part with a mesh, or use scene.force, scene.springs, scene.beam"
+        )
+    nodes, m, d = on.some, len(on.given.points), s.dim
+    if clamped:
+        nodes = np.concatenate([on.some + m * k for k in range(s.size // (d * m))])
+    x, k = s.dof_coordinates[nodes], len(nodes)
+    shape = sp.csr_matrix((np.ones(k), (np.arange(k), nodes)), shape=(k, s.size // d))
+    normals = np.tile(np.eye(d)[0], (k, 1))
+    side = Side(
+        s.name,
+        face.face,
+        petsc_matrix(sp.kron(shape, sp.identity(d), "csr")),
+        shape,
+        nodes,
+        normals,
+        0.0,
+        np.eye(d)[0],
+        on.area,
+    )
+    return Interface(
+        name=spec.name,
+        law=law,
+        points=read_only(x.copy()),
+        weights=np.full(k, on.area / k),
+        frames=np.tile(np.eye(d), (k, 1, 1)),
+        gap=np.zeros(k),
+        sides=(side,),
+        matching=None,
+        tangent_axis=1 % d,
+        areas=sp.csr_matrix((0, k)),
+        sag=np.zeros(k),
+        chords=np.zeros(k),
+        why="points of a matrix",
+    )
