@@ -19,7 +19,15 @@ from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes
 from dolfinx_frontend.assembly.held import own_resistances, resistance_of
 from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.matrix_part import PointSet, PointsOf, at_points, discretised_matrix, facing, frames_of
+from dolfinx_frontend.assembly.matrix_part import (
+    LentFace,
+    PointSet,
+    PointsOf,
+    at_points,
+    discretised_matrix,
+    facing,
+    frames_of,
+)
 from dolfinx_frontend.assembly.meeting import held_nodes
 from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.part_loads import part_load, spread_load
@@ -619,6 +627,8 @@ def _own_interfaces(
                 tuple(held.get((name, number)) for number in range(len(members))),
                 centres,
             )
+            lent = members[interface.carrier]
+            interface = lent.drawn(interface) if isinstance(lent, LentFace) else interface
             _check_law(interface)
             interfaces[name] = interface
     return interfaces

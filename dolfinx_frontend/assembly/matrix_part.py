@@ -11,8 +11,8 @@ lends it its facets, seen from behind.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NoReturn
+from dataclasses import dataclass, field, replace
+from typing import Any, NoReturn
 
 import basix
 import numpy as np
@@ -33,6 +33,7 @@ from dolfinx_frontend.scene.specs import InterfaceSpec, SubstructureSpec
 
 __all__ = [
     "Frames",
+    "LentFace",
     "Motion",
     "PointSet",
     "PointsOf",
@@ -40,6 +41,8 @@ __all__ = [
     "discretised_matrix",
     "facing",
     "frames_of",
+    "has_mesh",
+    "motion_of",
 ]
 
 _NEAR = 1e-6
@@ -79,6 +82,8 @@ class Frames:
         (n of the matrix, n): displacements and rotations of the points from the unknowns of the nodes.
     strains
         (k, n): what strains the frames.
+    nodes
+        (n / d, d), the points first.
     held
         As :attr:`Matrix.held`; None: it is free.
     surface
@@ -87,7 +92,10 @@ class Frames:
 
     def __init__(self, given: Matrix) -> None:
         self.given, self.names = given, given.names
-        self.motions, self.strains = _frames(given)
+        m, d = given.points.shape
+        arm = _ARM * given.length if given.rotates else None
+        self.nodes = _nodes(given.points, arm)
+        self.motions, self.strains = _frames(m, d, arm)
         self.held = given.held if given.held.any() else None
         self.surface = self.motions.shape[1] // given.dim
 
@@ -98,18 +106,21 @@ class Frames:
 
     facet_tags = mesh
 
-    def motion(self, unknowns: Array, linear: bool = True) -> Motion:
-        """What unknowns (n,) are at the points; `linear`: they are displacements, and no deviations."""
-        m, d = self.given.points.shape
-        rotations = None
-        if self.given.rotates and linear:
-            rotations = (self.motions @ unknowns).reshape(m, -1)[:, d:]
-        return Motion(self.given.points, np.asarray(unknowns).reshape(-1, d)[:m], rotations)
-
     def loads(self, name: str, where: str) -> Array:
         """Forces (n,) on the nodes of one of the loads of the matrix."""
         check_known("load of the matrix", name, self.given.loads, where)
         return np.asarray(self.motions.T @ self.given.loads[name])
+
+
+def motion_of(nodes: Array, points: int, unknowns: Array, linear: bool = True) -> Motion:
+    """What unknowns (n,) at nodes (n / d, d), the points first, are at the points; `linear`: they are
+    displacements, and no deviations."""
+    d, values = nodes.shape[1], np.asarray(unknowns).reshape(nodes.shape)
+    rotations = None
+    if len(nodes) > points and linear:
+        motions, _ = _frames(points, d, float(np.linalg.norm(nodes[points] - nodes[0])))
+        rotations = (motions @ values.ravel()).reshape(points, -1)[:, d:]
+    return Motion(nodes[:points], values[:points], rotations)
 
 
 def frames_of(s: object) -> Frames | None:
@@ -124,10 +135,7 @@ def discretised_matrix(spec: SubstructureSpec) -> Substructure:
     assert given is not None
     part = Frames(given)
     m, d = given.points.shape
-    x = given.points
-    if given.rotates:
-        arms = _ARM * given.length * np.eye(d)[: d - 1]
-        x = np.concatenate([x, *(x + arm for arm in arms)])
+    x = part.nodes
     stiffness = given.stiffness
     if given.rotates:
         springs = float(given.stiffness.diagonal().reshape(m, -1)[:, :d].mean())
@@ -149,48 +157,44 @@ def discretised_matrix(spec: SubstructureSpec) -> Substructure:
     )
 
 
-def _frames(given: Matrix) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Motions of the points (n of the matrix, n), and strains of their frames, from the unknowns."""
-    m, d = given.points.shape
-    if not given.rotates:
-        return sp.identity(given.size, format="csr"), sp.csr_matrix((0, given.size))
-    arm = _ARM * given.length
-    # by row: (component of the point, or number of a strain), and what it takes of which end and axis
+def has_mesh(s: Any) -> bool:
+    """Whether a part of a problem, or of a file, has a mesh."""
+    return bool(getattr(type(s), "meshed", True)) and frames_of(s) is None
+
+
+def _nodes(points: Array, arm: float | None) -> Array:
+    """(n / d, d): the points, and the ends of the arms along x and y of all of them."""
+    d = points.shape[1]
+    ends = [] if arm is None else [points + each for each in arm * np.eye(d)[: d - 1]]
+    return np.concatenate([points, *ends])
+
+
+def _frames(m: int, d: int, arm: float | None) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Displacements (and rotations) of points from the unknowns of the nodes, and strains of their frames."""
+    if arm is None:
+        return sp.identity(d * m, format="csr"), sp.csr_matrix((0, d * m))
+    count = 6 if d == 3 else 3
+    # by component of the point, or number of the strain: which end moves along which axis, and how much counts
     if d == 3:
-        turns = {3: [(2, 2, 1.0)], 4: [(1, 2, -1.0)], 5: [(1, 1, 0.5), (2, 0, -0.5)]}
-        strained = [[(1, 0, 1.0)], [(2, 1, 1.0)], [(1, 1, 0.5**0.5), (2, 0, 0.5**0.5)]]
+        turns = [[(1, 2, 1.0)], [(0, 2, -1.0)], [(0, 1, 0.5), (1, 0, -0.5)]]
+        strained = [[(0, 0, 1.0)], [(1, 1, 1.0)], [(0, 1, 0.5**0.5), (1, 0, 0.5**0.5)]]
     else:
-        turns = {2: [(1, 1, 1.0)]}
-        strained = [[(1, 0, 1.0)]]
-    rows: list[Ints] = []
-    columns: list[Ints] = []
-    values: list[Array] = []
-    point = np.arange(m)
+        turns, strained = [[(0, 1, 1.0)]], [[(0, 0, 1.0)]]
+    ends = sp.csr_matrix(np.hstack([-np.ones((d - 1, 1)), np.eye(d - 1)]))  # from the point
 
-    def add(row: Ints, node: int, axis: int, value: float) -> None:
-        rows.append(row)
-        columns.append(d * (node * m + point) + axis)
-        values.append(np.full(m, value))
+    def rows(terms: list[tuple[int, int, float]], factor: float) -> sp.csr_matrix:
+        """(m, n): a sum of what ends move from the point."""
+        of = sp.csr_matrix((m, d * d * m))
+        for end, axis, value in terms:
+            along = sp.kron(sp.identity(m), sp.csr_matrix(np.eye(d)[axis]))
+            of = of + sp.kron(ends[end], factor * value * along)
+        return of.tocsr()
 
-    for axis in range(d):
-        add(given.components * point + axis, 0, axis, 1.0)
-    for component, terms in turns.items():
-        for node, axis, value in terms:
-            add(given.components * point + component, node, axis, value / arm)
-            add(given.components * point + component, 0, axis, -value / arm)
-    size = d * d * m
-    motions = _sparse(rows, columns, values, (given.size, size))
-    rows, columns, values = [], [], []
-    for number, terms in enumerate(strained):
-        for node, axis, value in terms:
-            add(len(strained) * point + number, node, axis, value)
-            add(len(strained) * point + number, 0, axis, -value)
-    return motions, _sparse(rows, columns, values, (len(strained) * m, size))
-
-
-def _sparse(rows: list[Ints], columns: list[Ints], values: list[Array], shape: tuple[int, int]) -> sp.csr_matrix:
-    data, at = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    return sp.csr_matrix((data, at), shape=shape)
+    moves = [sp.kron(sp.identity(m), sp.csr_matrix(np.eye(d)[axis])) for axis in range(d)]
+    moves = [sp.hstack([each, sp.csr_matrix((m, (d - 1) * d * m))]) for each in moves]
+    every = sp.vstack([*moves, *(rows(terms, 1.0 / arm) for terms in turns)]).tocsr()
+    by_point = np.arange(count * m).reshape(count, m).T.ravel()
+    return every[by_point], sp.vstack([rows(terms, 1.0) for terms in strained]).tocsr()
 
 
 def _points_of(given: Matrix, face: str, where: str) -> Ints:
@@ -277,7 +281,25 @@ class PointSet:
         return cls(frames.given.points[some], some, np.array(s.dof_coordinates), f"{s.name}:{face}")
 
 
-def facing(points: PointSet, other: FaceCopy, name: str, where: str) -> FaceCopy:
+@dataclass(frozen=True)
+class LentFace(FaceCopy):
+    """The face of a matrix.
+
+    Attributes
+    ----------
+    facets
+        (k,), which of the facets of the other face its facets are.
+    """
+
+    facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def drawn(self, interface: Interface) -> Interface:
+        """An interface whose points are on these facets, told by those of the other face, which has a mesh."""
+        side = interface.carrier
+        return replace(interface, carrier=1 - side, facets=self.facets[interface.facets])
+
+
+def facing(points: PointSet, other: FaceCopy, name: str, where: str) -> LentFace:
     """The face that points are, with the facets of a face that is at the same place, from the other side.
 
     Parameters
@@ -314,13 +336,18 @@ def facing(points: PointSet, other: FaceCopy, name: str, where: str) -> FaceCopy
         if len(np.unique(at[whole])) == len(points.x):
             dofs = np.full((int(whole.sum()), element.dim), points.nodes[0])
             np.put_along_axis(dofs, closure[whole], points.nodes[at[whole]], axis=1)
-            return replace(
-                other,
+            return LentFace(
+                cell=other.cell,
+                order=other.order,
+                variant=other.variant,
                 nodes=_from_behind(other, whole),
                 local=other.local[whole],
                 degree=degree,
+                lagrange=other.lagrange,
                 dofs=dofs,
                 coordinates=np.pad(points.every, ((0, 0), (0, 3 - d))),
+                around=other.around,
+                facets=np.flatnonzero(whole),
             )
     beside = int(np.count_nonzero(nearest >= least))
     if beside:

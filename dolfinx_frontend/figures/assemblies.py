@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
+from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.common.checks import check_kind, checked_number, checked_numbers
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
@@ -309,7 +310,7 @@ def _named_functions(
     """Names of the parts (empty if they are not known) and their displacements."""
     if not isinstance(displacements, (Mapping, Sequence)):
         check_answer("deformed_figure", "displacements", displacements)
-        parts = displacements.problem.substructures
+        parts = [name for name, s in displacements.problem.substructures.items() if has_mesh(s)]
         displacements.problem.check_mesh()
         displacements = {name: displacements.displacement(name, step) for name in parts}
     named = isinstance(displacements, Mapping)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers
 from dolfinx_frontend.common.errors import SceneError
@@ -103,7 +104,7 @@ def interface_figure(
     own = problem.substructures[side.substructure]
     names = _drawn(problem, interface, normal, hide)
     plane = None if cut is None else _plane(cut, described.dim)
-    covering = [] if plane is None else sorted(set(problem.substructures) - {*names, *(hide or ())})
+    covering = [] if plane is None else sorted({*_drawn(problem, interface, normal, ())} - {*names, *(hide or ())})
     for name in (*names, *covering):
         problem.check_mesh(name)
     functions = {name: result.displacement(name, step) for name in names}
@@ -233,7 +234,8 @@ def _drawn(problem: Any, interface: str, normal: Array, hide: Sequence[str] | No
             for name, s in problem.substructures.items()
             if float((s.dof_coordinates @ normal[: own.dim]).mean()) > plane
         ]
-    return [name for name in problem.substructures if name not in hide or name == own.name]
+    shown = [name for name, s in problem.substructures.items() if has_mesh(s)]
+    return [name for name in shown if name not in hide or name == own.name]
 
 
 def _onto(normal: Array) -> list[float]:

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from dolfinx import fem, plot
 
-from dolfinx_frontend.assembly.ranks import agreement, together
+from dolfinx_frontend.assembly.matrix_part import Motion, has_mesh
+from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -33,7 +34,7 @@ from dolfinx_frontend.common.checks import (
     checked_whole,
 )
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.formats.vtk import Blocks, Grid, Values, check_target, write_blocks
+from dolfinx_frontend.formats.vtk import Blocks, Grid, Values, check_target, vertices, write_blocks
 from dolfinx_frontend.io.facets import InterfaceWriter, vector_values
 from dolfinx_frontend.results.answer import Answer, check_answer, stepped
 from dolfinx_frontend.results.readings import known_interfaces
@@ -194,18 +195,22 @@ def _part_grids(
             return np.asarray(answer.function(name, unknowns, "").x.array)
 
         function = answer.function(name, stepped(mean, answer.times)[0], "")
+        in_time = partial(stepped, times=answer.times)
+        beside = {key: in_time(values) for key, values in extra.items()}
+        if isinstance(function, Motion):
+            points = _PointsWriter(function.points)
+            yield name, partial(points.grid, in_time(mean), [*map(in_time, spread)], beside, [], [])
+            continue
         loads = answer.problem.initial_stresses(name)
         initial = [stress for _, _, stress in loads]
         material = s.material if materials is None else materials.get(name)
         if name in getattr(answer.plan, "scaled", ()):
             material = None  # its stress is no function of the mean displacement
         part = _PartWriter(function, material, shared, put, initial)
-        in_time = partial(stepped, times=answer.times)
         numbers = [in_time(answer.load_number(load, parameter)) for load, parameter, _ in loads]
         of_spread = [
             [in_time(each) for each in answer.load_spread(load, parameter)] for load, parameter, _ in loads
         ]
-        beside = {key: in_time(values) for key, values in extra.items()}
         yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], beside, numbers, of_spread)
 
 
@@ -298,6 +303,20 @@ class _PartWriter:
         return values, " ".join("XYZ"[i] + "XYZ"[j] for i, j in which)
 
 
+class _PointsWriter(_PartWriter):
+    """The same of a part that is a matrix: its points."""
+
+    def __init__(self, points: Array) -> None:
+        self._d, count = points.shape[1], len(points)
+        cloud = vertices(points, {})
+        self._x, self._cells, self._type, self._nothing = cloud.x, cloud.cells, cloud.type, []
+        self._count = count
+
+    def _at(self, unknowns: Array, numbers: Sequence[float] | None = None) -> tuple[Array, None]:
+        """Displacement (points, d), and no stress."""
+        return np.asarray(unknowns).reshape(-1, self._d)[: self._count], None
+
+
 # --- interfaces ------------------------------------------------------------------------------------
 @together("write_interfaces")
 def write_interfaces(
@@ -374,6 +393,14 @@ def write_interfaces(
         carriers = {n: problem.interfaces[n].sides[problem.interfaces[n].carrier] for n in chosen}
         here = [name for name, side in carriers.items() if side.substructure in problem.substructures]
         writers = {name: InterfaceWriter(result, name) for name in here}
+        of_points = [
+            n
+            for n in here
+            if carriers[n].face.startswith("(")  # of nodes
+            or not has_mesh(problem.substructures[carriers[n].substructure])
+        ]
+    if problem.comm is not None:
+        of_points = [name for each in exchanged(problem.comm, of_points) for name in each]
     # files of older versions know the points only
     meshed = all(i.sides[i.carrier].shape is not None for i in map(problem.interfaces.__getitem__, chosen))
     groups = ["facets", "points"] if meshed else ["points"]
@@ -383,7 +410,7 @@ def write_interfaces(
             group: {
                 name: partial(getattr(writers[name], group), at) if name in writers else None
                 for name in chosen
-                if group == "points" or not carriers[name].face.startswith("(")  # of nodes
+                if group == "points" or name not in of_points
             }
             for group in groups
         }

@@ -110,6 +110,7 @@ class _Contents:
     # --- parts ---------------------------------------------------------------------------------
     def _check_part(self, name: str, node: Group) -> None:
         nodes = self.nodes[name]
+        dim = nodes.shape[1]
         if nodes.shape[1] not in (2, 3) or not len(nodes):
             raise LayoutError(f"{node.place('nodes')} has shape {nodes.shape}, (nodes, 2 or 3) is wanted")
         field = (*self.steps, *nodes.shape)
@@ -117,10 +118,12 @@ class _Contents:
             self._check_displacement(node, field)
             if self.kind == "samples":
                 node.entry("deviation")
-            if self.meshes:
+            if self.meshes and "points" not in node:
                 node.entry("mesh")
         if "deviation" in node:
             node.numbers("deviation", *field)
+        if "points" in node and len(nodes) / node.whole("points", 1, len(nodes)) not in (1, dim):
+            raise node.wrong("points", f"{len(nodes)}, or the {dim}th part of it,")
         if "mesh" in node:
             self._check_mesh(node.group("mesh"), len(nodes), nodes.shape[1])
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_frontend.assembly.matrix_part import frames_of
+from dolfinx_frontend.assembly.matrix_part import frames_of, motion_of
 from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.common.arrays import Array, Ints
@@ -231,11 +231,11 @@ class Face(ABC):
         """
         return self.everywhere(interface, lambda: (self.force(interface), self.jump(interface)))
 
-    def function(self, part: str, unknowns: Array, name: str) -> fem.Function:
+    def function(self, part: str, unknowns: Array, name: str) -> Any:
         """Unknowns (n,) as a dolfinx function; of a matrix as a :class:`Motion` of its points."""
         frames = frames_of(self.problem.substructures[part])
         if frames is not None:
-            return frames.motion(unknowns, linear=name == "displacement")
+            return motion_of(frames.nodes, len(frames.given.points), unknowns, name == "displacement")
         function = fem.Function(self.problem.substructures[part].V, name=name)
         function.x.array[:] = unknowns
         return function
@@ -286,7 +286,8 @@ class Face(ABC):
         return {name: self.unknowns(name) for name in self.problem.substructures}
 
     def displacement(self, part: str, step: int = -1) -> fem.Function:
-        """Displacement of a part as a dolfinx function, length; of a random answer its mean.
+        """Displacement of a part as a dolfinx function, length; of a random answer its mean. Of a part that is
+        a matrix a :class:`Motion` of its points.
 
         Of a part whose mesh is spread over the ranks it is on the whole mesh, and all ranks call this.
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar, get_args
 import numpy as np
 
 from dolfinx_frontend.assembly.interface import PointFrames, Vertices
+from dolfinx_frontend.assembly.matrix_part import Motion, motion_of
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import (
     check_known,
@@ -252,6 +253,20 @@ class _Nodes:
         if name in ("part", "V", "space", "function"):
             raise ResultFileError(f"part {self.name!r} has no mesh here: {self._why}")
         raise AttributeError(name)
+
+
+class _Points(_Nodes):
+    """A part that is a matrix: its points come first."""
+
+    meshed = False
+
+    def __init__(self, name: str, nodes: Array, points: int) -> None:
+        super().__init__(name, nodes, "it is a matrix, of which only displacements are known")
+        self._points = points
+
+    def function(self, unknowns: Array, name: str) -> Motion:
+        """Unknowns (n,) at the points."""
+        return motion_of(self.dof_coordinates, self._points, unknowns, name == "displacement")
 
 
 # --- the result ------------------------------------------------------------------------------------
@@ -780,6 +795,8 @@ def _read_part(name: str, node: Tree, why: str) -> StoredPart | _Nodes:
     for what in ("displacement", "deviation"):
         if what in node and _numbers(node[what], f"{name}: {what}").shape[-2:] != nodes.shape:
             raise ValueError(f"{name}: {what} of another shape than the nodes")
+    if "points" in node:
+        return _Points(name, nodes, int(node["points"]))
     return StoredPart(name, node["mesh"], nodes) if "mesh" in node else _Nodes(name, nodes, why)
 
 

@@ -9,8 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.matrix_part import frames_of
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, one_call
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.files import FileError, replaced
@@ -21,7 +25,7 @@ from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.answer import Surface
 from dolfinx_frontend.results.readings import Readings
 
-__all__ = ["FORMAT", "VERSION", "ResultFileError", "interface_tree", "save", "write"]
+__all__ = ["FORMAT", "VERSION", "ResultFileError", "interface_tree", "save", "shape_tree", "write"]
 
 FORMAT = "latin-result"
 VERSION = 3
@@ -149,9 +153,6 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
     """What a file has of an interface, whatever the answer."""
     interface = problem.interfaces[name]
     side = interface.sides[interface.carrier]
-    part = problem.substructures[side.substructure].part
-    tag = part.names.get(side.face, -1)  # nodes have no face
-    facets = np.sort(part.facet_tags.find(tag))[interface.facets]
     tree: Tree = {
         "law": surface.law,
         "description": _described(interface.law),
@@ -163,7 +164,7 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
         "directions": surface.frames,
         "normal": np.asarray(interface.sides[0].normal, dtype=np.float64),
         "carrier": interface.carrier,
-        "facets": facet_cells(part, facets),
+        "facets": _facets(problem, interface),
         "areas": _sparse(interface.areas, "points"),
         "trace": _sparse(side.shape, "nodes"),
     }
@@ -174,6 +175,25 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
         nodal = _sparse(interface.vertices.nodal, "points")
         tree["vertices"] = {"corners": interface.vertices.corners.astype(np.int64)} | nodal
     return tree
+
+
+def _facets(problem: Problem, interface: Interface) -> Ints:
+    """(k, 2): cells and numbers of its facets in them; points of a matrix have none."""
+    side = interface.sides[interface.carrier]
+    s = problem.substructures[side.substructure]
+    if frames_of(s) is not None:
+        return np.zeros((0, 2), dtype=np.int64)
+    tag = s.part.names.get(side.face, -1)  # nodes have no face
+    facets = np.sort(s.part.facet_tags.find(tag))[interface.facets]
+    return facet_cells(s.part, facets)
+
+
+def shape_tree(s: Substructure, material: Any) -> Tree:
+    """What a file has of a part but for numbers: its mesh, or how many of its nodes are the points of a matrix."""
+    frames = frames_of(s)
+    if frames is not None:
+        return {"points": len(frames.given.points)}
+    return {"mesh": part_arrays(s.part, s.V, material)}
 
 
 def _sparse(matrix: sp.csr_matrix, columns: str) -> Tree:
@@ -220,9 +240,9 @@ def _part_tree(answer: Any, name: str) -> Tree:
         values = np.concatenate([block.displacement(name) for block in answer.blocks()])
     tree: Tree = {
         "displacement": values.reshape(*values.shape[:-1], -1, part.dim),
-        # a file has no initial stresses or factors, without which a stress from its material would be wrong
-        "mesh": part_arrays(part.part, part.V, None if _beside(answer, name) else part.material),
     }
+    # a file has no initial stresses or factors, without which a stress from its material would be wrong
+    tree |= shape_tree(part, None if _beside(answer, name) else part.material)
     deviation = answer.deviation(name)
     if deviation is not None and answer.kind != "chaos":  # of a chaos it follows from the modes
         tree["deviation"] = deviation.reshape(*deviation.shape[:-1], -1, part.dim)

@@ -29,7 +29,6 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import Files, replaced
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import Tree
-from dolfinx_frontend.formats.meshes import part_arrays
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.plan.random_laws import warn_of_free_parts
@@ -37,7 +36,7 @@ from dolfinx_frontend.results.answer import SAMPLES
 from dolfinx_frontend.results.chaos import amplitudes_of
 from dolfinx_frontend.results.runs import NOT_KEPT
 from dolfinx_frontend.results.surfaces import law_contact, surface_of
-from dolfinx_frontend.results.writing import interface_tree
+from dolfinx_frontend.results.writing import interface_tree, shape_tree
 from dolfinx_frontend.scene.amplitudes import check_times
 from dolfinx_frontend.solvers import galerkin, sweep
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -359,8 +358,7 @@ def _shown(problem: Problem, times: Array | None) -> Shown:
                 own.interfaces[name] = interface_tree(problem, name, surface)
                 own.interfaces[name]["bolt"] = -1 if surface.bolt is None else surface.bolt
         for name, part in problem.substructures.items():
-            mesh = part_arrays(part.part, part.V, part.material)
-            own.parts[name] = {"nodes": part.dof_coordinates, "mesh": mesh}
+            own.parts[name] = {"nodes": part.dof_coordinates} | shape_tree(part, part.material)
     if problem.comm is None:
         return own
     every = problem.comm.gather(own, root=0) or []
