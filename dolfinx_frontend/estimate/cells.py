@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from dolfinx.mesh import compute_midpoints as midpoints
 
+from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array, Ints
@@ -35,7 +36,7 @@ def cells_of(problem: Problem) -> dict[str, Cells]:
             for side in interface.sides:
                 faces.setdefault(side.substructure, []).append(side.face)
         own = {
-            name: _cells(part.part, faces.get(name, []))
+            name: _cells(part.part, faces.get(name, [])) if has_mesh(part) else _none(part.dim, faces.get(name, []))
             for name, part in problem.own.substructures.items()
             if name not in problem.spread
         }
@@ -59,6 +60,12 @@ def _cells(part: Any, faces: Sequence[str]) -> Cells:
         bool(getattr(part, "again", None)),
         {face: _beside(part, face, count) for face in faces if face in part.names},
     )
+
+
+def _none(d: int, faces: Sequence[str]) -> Cells:
+    """Of a part that is a matrix."""
+    nothing = np.zeros(0, dtype=np.int64), np.zeros((0, d))
+    return Cells(np.zeros(0), True, False, dict.fromkeys(faces, nothing))
 
 
 def _joined(pieces: Sequence[Cells]) -> Cells:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
@@ -577,7 +578,8 @@ def _more_modes(result: ChaosResult, made: Errors) -> str:
 def _smaller_cells(result: Result, made: Errors) -> str:
     cost = result.plan.cost
     # a rank may have no part
-    degrees = [part.V.ufl_element().degree for part in result.problem.substructures.values()]
+    meshed = [part for part in result.problem.substructures.values() if has_mesh(part)]
+    degrees = [part.V.ufl_element().degree for part in meshed] or [1]
     degree = min(over_ranks(result, degrees))
     finer = 2.0 ** (-1.0 / degree)
     factor = finer ** (-2.0 * result.problem.dim)

@@ -175,6 +175,7 @@ def finer(
     for name, where in read.items():
         each = ratios.setdefault(name, np.ones(len(cells[name])))
         each[where] = np.minimum(each[where], HALF)
+    ratios = {name: each for name, each in ratios.items() if each.size}  # a matrix has no cells
     least = min((float(each.min()) for each in ratios.values()), default=1.0)
     if least > WORTH:
         ratios = {name: each * (HALF / least) for name, each in ratios.items()}
@@ -192,6 +193,8 @@ def finer(
             # smaller cells of the side with the points show what the edge does; the other may be raised
             if number == 0 or name not in edges or problem.dim == 2:
                 at_edges.add(side.substructure)
+            if not len(cells[side.substructure]):
+                continue
             each = ratios.setdefault(side.substructure, np.ones(len(cells[side.substructure])))
             beside, at = meshes[side.substructure].faces[side.face]
             size = meshes[side.substructure].sizes[beside]
@@ -199,7 +202,8 @@ def finer(
             near = beside[distance <= 1.5 * size]
             each[near] = np.minimum(each[near], 0.5)
     _as_fine_as_the_other_side(problem, meshes, ratios)
-    models = _models(scene, problem)
+    facing = _facing_matrices(scene)
+    models = {name: first for name, first in _models(scene, problem).items() if name not in facing}
     wanted = {name: ratio for name, ratio in ratios.items() if not ratio.min() > WORTH}
     raised = {
         name
@@ -227,6 +231,8 @@ def finer(
             try:
                 if way is None:
                     stuck[name] = how
+                elif way == "cells" and name in facing:
+                    stuck[name] = "its nodes are points of a matrix, which cannot follow them"
                 elif way == "degree":
                     made[name] = replace(spec, degree=spec.degree + 1), how
                 elif spec.spread:
@@ -289,6 +295,16 @@ def _models(scene: Scene, problem: Problem) -> dict[str, str]:
                 if name in problem.own.substructures and not _tied(spec):
                     own[name] = key
     return problem.gather(own, parts=True)
+
+
+def _facing_matrices(scene: Scene) -> set[str]:
+    """Parts of which a face is joined to points of a matrix, node by node."""
+    found = set()
+    for joint in scene.interfaces.values():
+        parts = [face.substructure for face in joint.faces]
+        if joint.remote is None and any(scene.substructures[name].matrix is not None for name in parts):
+            found.update(parts)
+    return found
 
 
 def _about(scene: Scene, problem: Problem, wanted: Mapping[str, Array], raised: Collection[str]) -> float:
@@ -434,12 +450,14 @@ def _as_fine_as_the_other_side(
             (first, at_first), (second, at_second) = (
                 meshes[side.substructure].faces[side.face] for side in interface.sides
             )
+            if not (len(first) and len(second)):
+                continue
             one, other = (wanted[side.substructure] for side in interface.sides)
             _, near = spatial.cKDTree(at_first).query(at_second)
             np.minimum.at(one, first[near], other[second])
     for name, sizes in wanted.items():
         own = meshes[name].sizes
-        if name in ratios or (sizes < own / np.sqrt(2.0)).any():
+        if len(own) and (name in ratios or (sizes < own / np.sqrt(2.0)).any()):
             ratios[name] = sizes / own
 
 

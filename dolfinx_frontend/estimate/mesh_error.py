@@ -25,6 +25,7 @@ import numpy as np
 from latin_core import Laws, State
 
 from dolfinx_frontend.assembly.interface import Interface, frames
+from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.assembly.substructure import Substructure
@@ -245,7 +246,10 @@ def discretisation_error(
         found = {}
         for name, part in problem.own.substructures.items():
             stop_if_pressed()
-            if name not in pieces:
+            if not has_mesh(part):  # what a matrix has lost is not known
+                norm = float(fields[name] @ (part.matrix @ fields[name]))
+                found[name], cells[name] = _Errors(norm), np.zeros(0)
+            elif name not in pieces:
                 found[name], cells[name] = _Errors.of(part, fields[name], z.get(name))
         local = 0.0
         if at is not None and slopes is not None and at.part in cells:
@@ -362,7 +366,7 @@ def deviation_error(result: Result, chaos: ChaosResult, quantity: Resultant) -> 
     pieces = pieces_of(problem)
     with agreement(problem.comm):
         for name, part in problem.own.substructures.items():
-            if name in pieces:
+            if name in pieces or not has_mesh(part):
                 continue
             made, block = recovery(part), chaos.coefficients(name)[..., 1:]
             fields_of = (u if u.ndim == 1 else u[-1] for u in (block[..., k] for k in chosen))

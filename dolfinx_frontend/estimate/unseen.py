@@ -24,6 +24,7 @@ from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, swap
@@ -219,7 +220,7 @@ def of_shapes(
         for side in interface.sides:
             acted.setdefault(side.substructure, []).append(interface.points)
     for name, part in problem.own.substructures.items():
-        if name not in fields or name in problem.spread:  # of which Piece.of_shape tells
+        if name not in fields or name in problem.spread or not has_mesh(part):  # of which Piece.of_shape tells
             continue
         points = np.concatenate(acted.get(name, [np.zeros((0, part.dim))]))
         u = fields[name]
@@ -323,7 +324,7 @@ def of_crossing_chords(problem: Problem) -> dict[str, float]:
             continue
         for side in interface.sides:
             part = problem.own.substructures.get(side.substructure)
-            if part is not None and part.name not in problem.spread:  # of which Piece.of_chords tells
+            if part is not None and part.name not in problem.spread and has_mesh(part):  # of which Piece.of_chords tells
                 turned = CROSSING * of_chords(part, interface.points).share
                 out[part.name] = max(out.get(part.name, 0.0), turned)
     return {name: error for name, error in out.items() if error != 0.0}
@@ -379,6 +380,8 @@ def other_sides(
             if problem.rank == second:
                 side = interface.sides[1]
                 part, where = problem.substructures[side.substructure], f"interface {name!r}"
+                if not has_mesh(part):
+                    continue
                 nodes = copied_nodes(FacetMap(part.part, side.face, where), part.space)
                 u, z = (each[part.name].reshape(-1, part.dim)[nodes].ravel() for each in (fields, duals))
                 told[name] = OtherSide(face_copy(part.part, side.face, part.space, where), u, z)
@@ -405,7 +408,7 @@ def of_springs(
         u: list[Array] = []
         z: list[Array] = []
         for part, (owner, _) in zip(known, labels, strict=True):
-            if part is not None and part.name in fields:
+            if part is not None and part.name in fields and has_mesh(part):
                 faces.append(part.part)
                 spaces.append(part.space)
                 u.append(fields[owner])

@@ -75,6 +75,8 @@ def soft_springs(scene: Scene, problem: Problem, meshes: Mapping[str, Cells]) ->
         if law.elimination is not Elimination.SPRINGS or law.unilateral or not law.linear:
             continue
         first, second = (len(meshes[side.substructure].faces[side.face][0]) for side in interface.sides)
+        if not (first and second):
+            continue  # points of a matrix
         size = (extent(problem, interface) / first) ** (1.0 / (interface.dim - 1))
         other = (extent(problem, interface, 1) / second) ** (1.0 / (interface.dim - 1))
         if np.any(interface.chords):
