@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
+from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes
 from dolfinx_frontend.assembly.held import own_resistances, resistance_of
 from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
@@ -23,10 +23,11 @@ from dolfinx_frontend.assembly.matrix_part import (
     LentFace,
     PointSet,
     PointsOf,
-    at_points,
+    check_units,
+    copy_of,
     discretised_matrix,
-    facing,
     frames_of,
+    lent_faces,
 )
 from dolfinx_frontend.assembly.meeting import held_nodes
 from dolfinx_frontend.assembly.pairing import make_interface
@@ -44,14 +45,14 @@ from dolfinx_frontend.assembly.ranks import (
     place,
     swap,
 )
-from dolfinx_frontend.assembly.relief import Relief, supports
+from dolfinx_frontend.assembly.relief import Relief, densities_of, relief_supports
 from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.spread import SpreadPart, condensed
 from dolfinx_frontend.assembly.stretch import with_cells
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
+from dolfinx_frontend.common.checks import check_kind, check_optional_kind, checked_callable
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
@@ -60,9 +61,9 @@ from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
-from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
+from dolfinx_frontend.scene.laws import Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
+from dolfinx_frontend.scene.specs import InterfaceSpec, Remote, SubstructureSpec, check_face
 
 __all__ = ["assemble", "assembled_again", "placed"]
 
@@ -201,7 +202,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any, before: Probl
     substructures, copies = _own_parts(scene, owner, rank, say, comm, before, spread)
     found = swap(comm, copies)
     with agreement(comm):
-        elsewhere = _lent(scene, substructures, found)
+        elsewhere = lent_faces(scene, substructures, found)
         held = held_nodes(scene, substructures, elsewhere)
         told: dict[int, dict[_Where, Held | None]] = {
             other: {where: _renumbered(held.get(where), scene, substructures, where) for where in faces}
@@ -220,7 +221,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any, before: Probl
     relief: dict[str, Interface] = {}
     with agreement(comm):
         if scene.densities is not None and owner[next(iter(scene.substructures))] == rank:
-            relief = _relief_supports(substructures[next(iter(scene.substructures))])
+            relief = relief_supports(substructures[next(iter(scene.substructures))])
     interfaces = {**interfaces, **relief}
     summaries = {name: summary(s) for name, s in substructures.items()}
     resistances = {
@@ -243,6 +244,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any, before: Probl
     parts = {name: summaries[name] for name in scene.substructures}
     if len({part.dim for part in parts.values()}) > 1:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
+    check_units(scene, substructures, parts)
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
         [
@@ -261,7 +263,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any, before: Probl
             loads[name] = spread_load(load, whole, substructures.get(load.part))
     loads = {name: loads[name] for name in scene.loads}
     if scene.densities is not None:
-        inertia = Relief(substructures, _densities(scene), parts, comm)
+        inertia = Relief(substructures, densities_of(scene), parts, comm)
         loads = {name: inertia.load_balanced(each) for name, each in loads.items()}
         substructures = inertia.parts_balanced()
     if comm is None:
@@ -300,52 +302,6 @@ def _described(scene: Scene) -> dict[str, object]:
         for what in ("quadrature_degree", "max_distance", "space", "overlap", "remote"):
             given[f"{what} of interface {name!r}"] = getattr(joint, what)
     return given
-
-
-def _densities(scene: Scene) -> dict[str, float]:
-    """Part -> mass per volume."""
-    supports = [
-        name
-        for name, each in scene.interfaces.items()
-        if len(each.faces) == 1 and each.law.elimination is not Elimination.LOAD
-    ]
-    if supports:
-        raise SceneError(
-            f"inertia_relief: {', '.join(map(repr, supports))}: nothing may hold an assembly whose loads "
-            "inertia balances; take the one or the other away"
-        )
-    given = scene.densities
-    if not isinstance(given, Mapping):
-        return dict.fromkeys(scene.substructures, float(given))
-    for name in given:
-        check_known("substructure", name, scene.substructures, "inertia_relief")
-    missing = [name for name in scene.substructures if name not in given]
-    if missing:
-        raise SceneError(
-            f"inertia_relief: no density for {', '.join(map(repr, missing))}; give one for each part"
-        )
-    return {name: float(value) for name, value in given.items()}
-
-
-def _relief_supports(part: Substructure) -> dict[str, Interface]:
-    """What holds an assembly in inertia relief: some nodes of its first part."""
-    found = {}
-    for number, (node, axes) in enumerate(supports(part)):
-        name = "relief" if number == 0 else f"relief#{number + 1}"
-        place = tuple(map(float, part.dof_coordinates[node]))
-        shown = ", ".join(f"{v:.6g}" for v in place)
-        spec = InterfaceSpec(
-            name,
-            (Face(part.name, f"({shown})"),),
-            Displacement(0.0, axes),
-            None,
-            None,
-            "points",
-            "full",
-            Remote(place),
-        )
-        found[name] = remote_interface(spec, (part,))
-    return found
 
 
 def _kept_together(scene: Scene) -> list[list[str]]:
@@ -484,45 +440,8 @@ def _own_parts(
                     )
                 if other != rank:
                     s = substructures[face.substructure]
-                    copies.setdefault(other, {})[name, number] = _copy(s, face.face, f"interface {name!r}")
+                    copies.setdefault(other, {})[name, number] = copy_of(s, face.face, f"interface {name!r}")
     return substructures, copies
-
-
-def _copy(s: Substructure, face: str, where: str) -> FaceCopy | PointSet:
-    """What others need of a face."""
-    return face_copy(s.part, face, s.space, where) if frames_of(s) is None else PointSet.of(s, face, where)
-
-
-def _lent(
-    scene: Scene,
-    substructures: Mapping[str, Substructure],
-    elsewhere: Mapping[_Where, FaceCopy | PointSet],
-) -> dict[_Where, FaceCopy]:
-    """Faces that are on other ranks, and faces of matrices, with the facets of the faces opposite."""
-    out = {where: face for where, face in elsewhere.items() if isinstance(face, FaceCopy)}
-    for name, joint in scene.interfaces.items():
-        if len(joint.faces) == 1 or joint.remote is not None:
-            continue
-        where, both = f"interface {name!r}", []
-        for number, face in enumerate(joint.faces):
-            there, s = elsewhere.get((name, number)), substructures.get(face.substructure)
-            if there is None and s is not None:
-                there = PointSet.of(s, face.face, where) if frames_of(s) is not None else None
-            both.append(there)
-        for number, points in enumerate(both):
-            if not isinstance(points, PointSet):
-                continue
-            other, face = both[1 - number], joint.faces[1 - number]
-            if isinstance(other, PointSet):
-                raise SceneError(
-                    f"{where}: {points.what} and {other.what} are both points of a matrix, between which there "
-                    "is no face: join them by scene.rigid or scene.beam"
-                )
-            if other is None:
-                s = substructures[face.substructure]
-                other = face_copy(s.part, face.face, s.space, where)
-            out[name, number] = facing(points, other, str(face), where)
-    return out
 
 
 def _renumbered(
@@ -601,13 +520,10 @@ def _own_interfaces(
             if known is not None:
                 interfaces[name] = known
                 continue
-            if joint.remote is not None:
+            alone = len(joint.faces) == 1 and frames_of(substructures[joint.faces[0].substructure])
+            if joint.remote is not None or alone:
                 parts = tuple(substructures[face.substructure] for face in joint.faces)
                 interfaces[name] = remote_interface(joint, parts)
-                _check_law(interfaces[name])
-                continue
-            if len(joint.faces) == 1 and frames_of(substructures[joint.faces[0].substructure]) is not None:
-                interfaces[name] = at_points(joint, substructures[joint.faces[0].substructure])
                 _check_law(interfaces[name])
                 continue
             members = [

@@ -42,8 +42,8 @@ def resistance_of(interface: Interface, length: float, where: Flags | Array | No
 
 
 def own_resistances(parts: Mapping[str, PartSummary]) -> list[Resistance]:
-    """What holds parts beside their interfaces: axisymmetric ones move along their axis only, and a matrix may
-    be grounded."""
+    """What holds parts beside their interfaces: axisymmetric ones move along their axis only, and a matrix
+    may be grounded."""
     of_axis = np.diag([1.0, 0.0, 1.0])
     held = {name: of_axis if part.around else part.held for name, part in parts.items()}
     return [

@@ -1,9 +1,10 @@
 """Parts that are given as a matrix, made to look like the others to all that follows.
 
-Nodes have displacements only, as those of a mesh have.  A point with rotations is a rigid frame of three nodes
-(in 2D two): the point, and one at the end of an arm along x and y each.  Six of the nine numbers are the motion
-of the point; the other three strain the frame, and springs between its nodes resist them.  Forces on a point,
-and moments, act on the six only, so that the frame is never strained: its springs have no influence.
+Nodes have displacements only, as those of a mesh have.  A point with rotations is a rigid frame of three
+nodes (in 2D two): the point, and one at the end of an arm along x and y each.  Six of the nine numbers are
+the motion of the point; the other three strain the frame, and springs between its nodes resist them.  Forces
+on a point, and moments, act on the six only, so that the frame is never strained: its springs have no
+influence.
 
 A face is a set of points.  Where it is joined to the face of a mesh, its points are nodes of that face, which
 lends it its facets, seen from behind.
@@ -11,24 +12,27 @@ lends it its facets, seen from behind.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NoReturn
+from typing import Any
 
 import basix
 import numpy as np
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
-from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
+from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, face_copy
 from dolfinx_frontend.assembly.interface import Interface, Side
+from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.deferred import sp, spatial
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.scene.laws import Displacement, Elimination
 from dolfinx_frontend.scene.matrix import Matrix
+from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import InterfaceSpec, SubstructureSpec
 
 __all__ = [
@@ -38,10 +42,13 @@ __all__ = [
     "PointSet",
     "PointsOf",
     "at_points",
+    "check_units",
+    "copy_of",
     "discretised_matrix",
     "facing",
     "frames_of",
     "has_mesh",
+    "lent_faces",
     "motion_of",
 ]
 
@@ -100,7 +107,7 @@ class Frames:
         self.surface = self.motions.shape[1] // given.dim
 
     @property
-    def mesh(self) -> NoReturn:
+    def mesh(self) -> Any:
         """Refused as :attr:`Matrix.mesh`."""
         return self.given.mesh
 
@@ -139,7 +146,8 @@ def discretised_matrix(spec: SubstructureSpec) -> Substructure:
     stiffness = given.stiffness
     if given.rotates:
         springs = float(given.stiffness.diagonal().reshape(m, -1)[:, :d].mean())
-        stiffness = part.motions.T @ given.stiffness @ part.motions + springs * (part.strains.T @ part.strains)
+        stiffness = part.motions.T @ given.stiffness @ part.motions
+        stiffness = stiffness + springs * (part.strains.T @ part.strains)
     centre = given.centre
     return Substructure(
         name=spec.name,
@@ -174,7 +182,7 @@ def _frames(m: int, d: int, arm: float | None) -> tuple[sp.csr_matrix, sp.csr_ma
     if arm is None:
         return sp.identity(d * m, format="csr"), sp.csr_matrix((0, d * m))
     count = 6 if d == 3 else 3
-    # by component of the point, or number of the strain: which end moves along which axis, and how much counts
+    # by component of the point, or number of the strain: which end moves along which axis, and by how much
     if d == 3:
         turns = [[(1, 2, 1.0)], [(0, 2, -1.0)], [(0, 1, 0.5), (1, 0, -0.5)]]
         strained = [[(0, 0, 1.0)], [(1, 1, 1.0)], [(0, 1, 0.5**0.5), (1, 0, 0.5**0.5)]]
@@ -205,8 +213,8 @@ def _points_of(given: Matrix, face: str, where: str) -> Ints:
 class PointsOf:
     """Points of a part that is a matrix in the place of a face: resultants of forces on them.
 
-    Forces are spread over the points evenly and linearly; where that cannot carry a moment (a single point, or
-    points on a line), their rotations take part.
+    Forces are spread over the points evenly and linearly; where that cannot carry a moment (a single point,
+    or points on a line), their rotations take part.
     """
 
     around = False
@@ -238,7 +246,8 @@ class PointsOf:
         """
         d, length = self.dim, self.given.length
         wanted = np.concatenate([force, np.asarray(moment) / length])
-        motions = self.given.motions(self.centre, self.some).reshape(len(self.some), self.given.components, -1)
+        motions = self.given.motions(self.centre, self.some)
+        motions = motions.reshape(len(self.some), self.given.components, -1)
         weights = np.ones(self.given.components)
         weights[d:] = 0.0
         if np.linalg.matrix_rank(motions[:, :d].reshape(-1, motions.shape[2]), tol=1e-6) < motions.shape[2]:
@@ -247,8 +256,8 @@ class PointsOf:
         found = np.linalg.lstsq(scaled.T, wanted, rcond=1e-9)[0]
         if np.abs(scaled.T @ found - wanted).max() > 1e-9 * np.abs(wanted).max():
             raise SceneError(
-                f"{self.where}: its {len(self.some)} points cannot carry this moment: give points that are not "
-                "on a line, or a matrix with rotations"
+                f"{self.where}: its {len(self.some)} points cannot carry this moment: give points that are "
+                "not on a line, or a matrix with rotations"
             )
         return np.asarray(found.reshape(len(self.some), -1) * weights)
 
@@ -294,7 +303,8 @@ class LentFace(FaceCopy):
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def drawn(self, interface: Interface) -> Interface:
-        """An interface whose points are on these facets, told by those of the other face, which has a mesh."""
+        """An interface whose points are on these facets, told by those of the other face, which has a
+        mesh."""
         side = interface.carrier
         return replace(interface, carrier=1 - side, facets=self.facets[interface.facets])
 
@@ -349,18 +359,23 @@ def facing(points: PointSet, other: FaceCopy, name: str, where: str) -> LentFace
                 around=other.around,
                 facets=np.flatnonzero(whole),
             )
+    raise _unlike(points, nearest, least, name, where)
+
+
+def _unlike(points: PointSet, nearest: Array, least: float, name: str, where: str) -> SceneError:
+    """Why points are not those of a face; `nearest`: how far they are from its nodes."""
     beside = int(np.count_nonzero(nearest >= least))
     if beside:
         worst = int(np.argmax(nearest))
         place = ", ".join(f"{v:.6g}" for v in points.x[worst])
-        raise SceneError(
-            f"{where}: {beside} of {len(points.x)} points of {points.what} are no nodes of {name}; the one at "
-            f"({place}) is {nearest[worst]:.4g} away: reduce the part to the nodes of {name}, or join them by "
+        return SceneError(
+            f"{where}: {beside} of {len(points.x)} points of {points.what} are no nodes of {name}; the one "
+            f"at ({place}) is {nearest[worst]:.4g} away: reduce the part to the nodes of {name}, or use "
             "scene.rigid or scene.beam"
         )
-    raise SceneError(
-        f"{where}: the points of {points.what} are some of the nodes of facets of {name}: give all nodes of its "
-        "displacements there (with degree 2 also those in the middle of edges), or join them by scene.rigid"
+    return SceneError(
+        f"{where}: the points of {points.what} are some of the nodes of facets of {name}: give all nodes of "
+        "its displacements there (with degree 2 also those in the middle of edges), or use scene.rigid"
     )
 
 
@@ -372,7 +387,7 @@ def _from_behind(other: FaceCopy, whole: Array) -> Array:
     d = other.nodes.shape[2]
     closures = element.entity_closure_dofs[d - 1]
     corners = np.array(basix.topology(cell)[d - 1])
-    out = other.nodes[whole].copy()
+    out: Array = other.nodes[whole].copy()
     for number in np.unique(other.local[whole]):
         here = other.local[whole] == number
         beside = np.setdiff1d(np.arange(out.shape[1]), closures[number])
@@ -396,8 +411,8 @@ def at_points(spec: InterfaceSpec, s: Substructure) -> Interface:
         clamped = law.components is None or len(law.components) == s.dim
     elif not clamped:
         raise SceneError(
-            f"{where}: {law.title} needs a face with an area, and {face} are points of a matrix: fix them, join "
-            "them to the nodes of a part with a mesh, or use scene.force, scene.springs, scene.beam"
+            f"{where}: {law.title} needs a face with an area, and {face} are points of a matrix: fix them, "
+            "join them to the nodes of a part with a mesh, or use scene.force, scene.springs, scene.beam"
         )
     nodes, m, d = on.some, len(on.given.points), s.dim
     if clamped:
@@ -431,3 +446,65 @@ def at_points(spec: InterfaceSpec, s: Substructure) -> Interface:
         chords=np.zeros(k),
         why="points of a matrix",
     )
+
+
+def copy_of(s: Substructure, face: str, where: str) -> FaceCopy | PointSet:
+    """What others need of a face."""
+    return face_copy(s.part, face, s.space, where) if frames_of(s) is None else PointSet.of(s, face, where)
+
+
+def lent_faces(
+    scene: Scene,
+    substructures: Mapping[str, Substructure],
+    elsewhere: Mapping[tuple[str, int], FaceCopy | PointSet],
+) -> dict[tuple[str, int], FaceCopy]:
+    """Faces that are on other ranks, and faces of matrices, with the facets of the faces opposite."""
+    out = {where: face for where, face in elsewhere.items() if isinstance(face, FaceCopy)}
+    for name, joint in scene.interfaces.items():
+        if len(joint.faces) == 1 or joint.remote is not None:
+            continue
+        where = f"interface {name!r}"
+        both: list[FaceCopy | PointSet | None] = []
+        for number, face in enumerate(joint.faces):
+            there, s = elsewhere.get((name, number)), substructures.get(face.substructure)
+            if there is None and s is not None:
+                there = PointSet.of(s, face.face, where) if frames_of(s) is not None else None
+            both.append(there)
+        for number, points in enumerate(both):
+            if not isinstance(points, PointSet):
+                continue
+            other, face = both[1 - number], joint.faces[1 - number]
+            if isinstance(other, PointSet):
+                raise SceneError(
+                    f"{where}: {points.what} and {other.what} are both points of a matrix, between which "
+                    "there is no face: join them by scene.rigid or scene.beam"
+                )
+            if other is None:
+                meshed = substructures[face.substructure]
+                other = face_copy(meshed.part, face.face, meshed.space, where)
+            out[name, number] = facing(points, other, str(face), where)
+    return out
+
+
+_ABSURD = (1e-6, 1e3)
+"""Stiffness of a matrix relative to that of a body of its size of a neighbour's material: a frame of thin
+bars is that soft, and nothing is that stiff."""
+
+
+def check_units(
+    scene: Scene, substructures: Mapping[str, Substructure], parts: Mapping[str, PartSummary]
+) -> None:
+    """Warn of matrices beside which the parts that they are joined to have no stiffness, or all of it."""
+    for joint in scene.interfaces.values():
+        names = [face.substructure for face in joint.faces]
+        for name, other in zip(names, names[::-1], strict=True):
+            if name == other or frames_of(substructures.get(name)) is None:
+                continue
+            ratio = parts[name].modulus / parts[other].modulus
+            if not _ABSURD[0] < ratio < _ABSURD[1]:
+                warn(
+                    f"interface {joint.name!r}: {name!r}, a matrix, is {ratio:.2g} times as stiff as a body "
+                    f"of its size of the material of {other!r}: are both in the same units of force and "
+                    "length?",
+                    SceneWarning,
+                )

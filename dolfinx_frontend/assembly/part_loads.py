@@ -404,11 +404,13 @@ def _check_kind(load: Load, s: Substructure) -> None:
     """Refuse loads that a part without a mesh, or with one, cannot have."""
     if frames_of(s) is None:
         if load.kind == "load" and any(isinstance(shape, str) for shape in load.shapes.values()):
-            raise SceneError(f"{load.where}: a name is a load of a Matrix; give a function v -> UFL integrand or form")
+            raise SceneError(
+                f"{load.where}: a name is a load of a Matrix; give a function v -> UFL integrand or form"
+            )
     elif load.kind not in _OF_POINTS:
         raise SceneError(
-            f"{load.where}: a {load.kind} on {s.name!r}, which is a Matrix: give it as one of its loads={{name: "
-            "forces}} and scene.load(part, name), or use scene.force or scene.point_force"
+            f"{load.where}: a {load.kind} on {s.name!r}, which is a Matrix: give it as one of its "
+            f"loads={{name: forces}} and scene.load(part, name), or use scene.force or scene.point_force"
         )
     elif load.kind == "load" and not all(isinstance(shape, str) for shape in load.shapes.values()):
         raise SceneError(

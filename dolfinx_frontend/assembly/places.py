@@ -73,8 +73,8 @@ def place_in(where: str, s: Substructure, point: Array) -> Place:
     if away[at] > NEAR * s.length:
         place, near = (", ".join(f"{v:.6g}" for v in x) for x in (point, frames.given.points[at]))
         raise SceneError(
-            f"{where}: ({place}) is no point of {s.name!r}, which is a matrix; the nearest one is at ({near}), "
-            f"{away[at]:.4g} away"
+            f"{where}: ({place}) is no point of {s.name!r}, which is a matrix; the nearest one is at "
+            f"({near}), {away[at]:.4g} away"
         )
     return Place(0, np.zeros(s.dim), np.array([at]), np.ones(1))
 

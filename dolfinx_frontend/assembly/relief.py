@@ -14,14 +14,21 @@ import dolfinx.fem as fem
 import numpy as np
 import ufl
 
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.ranks import PartSummary, exchanged
+from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.assembly.substructure import Substructure, ring
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.deferred import linalg
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.laws import Displacement, Elimination
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote
 
-__all__ = ["Relief", "supports"]
+__all__ = ["Relief", "densities_of", "relief_supports", "supports"]
 
 
 class Relief:
@@ -131,3 +138,52 @@ def supports(s: Substructure) -> list[tuple[int, tuple[int, ...]]]:
     for k in chosen:
         held.setdefault(nodes[k // d], []).append(k % d)
     return [(node, tuple(axes)) for node, axes in held.items()]
+
+
+def densities_of(scene: Scene) -> dict[str, float]:
+    """Part -> mass per volume."""
+    supports = [
+        name
+        for name, each in scene.interfaces.items()
+        if len(each.faces) == 1 and each.law.elimination is not Elimination.LOAD
+    ]
+    if supports:
+        raise SceneError(
+            f"inertia_relief: {', '.join(map(repr, supports))}: nothing may hold an assembly whose loads "
+            "inertia balances; take the one or the other away"
+        )
+    of_matrices = [name for name, spec in scene.substructures.items() if spec.matrix is not None]
+    if of_matrices:
+        raise SceneError(f"inertia_relief: {of_matrices[0]!r} is a Matrix, whose mass is not known")
+    given = scene.densities
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(scene.substructures, float(given))
+    for name in given:
+        check_known("substructure", name, scene.substructures, "inertia_relief")
+    missing = [name for name in scene.substructures if name not in given]
+    if missing:
+        raise SceneError(
+            f"inertia_relief: no density for {', '.join(map(repr, missing))}; give one for each part"
+        )
+    return {name: float(value) for name, value in given.items()}
+
+
+def relief_supports(part: Substructure) -> dict[str, Interface]:
+    """What holds an assembly in inertia relief: some nodes of its first part."""
+    found = {}
+    for number, (node, axes) in enumerate(supports(part)):
+        name = "relief" if number == 0 else f"relief#{number + 1}"
+        place = tuple(map(float, part.dof_coordinates[node]))
+        shown = ", ".join(f"{v:.6g}" for v in place)
+        spec = InterfaceSpec(
+            name,
+            (Face(part.name, f"({shown})"),),
+            Displacement(0.0, axes),
+            None,
+            None,
+            "points",
+            "full",
+            Remote(place),
+        )
+        found[name] = remote_interface(spec, (part,))
+    return found

@@ -1,14 +1,16 @@
-"""Interfaces with one point: a node of a part, a sum of displacements of nodes, or the mean rigid motions of
-one or two faces (RBE3)."""
+"""Interfaces without facets: a node of a part, a sum of displacements of nodes, the mean rigid motions of one or
+two faces (RBE3), or points of a matrix."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.interface import Interface, Side
+from dolfinx_frontend.assembly.matrix_part import at_points
 from dolfinx_frontend.assembly.part_loads import cross, face_of, fitting
 from dolfinx_frontend.assembly.places import NEAR
 from dolfinx_frontend.assembly.substructure import Substructure
@@ -29,7 +31,8 @@ def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> In
         No node at the point, or vectors of another dimension.
     """
     remote = spec.remote
-    assert remote is not None
+    if remote is None:
+        return at_points(spec, parts[0])
     if remote.node is not None:
         return _at_node(spec, parts[0], remote.node)
     if remote.sums:
@@ -45,6 +48,8 @@ def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> In
         sides.append(side)
         if number == 0:
             wrench, where = of_side, point
+            if not remote.beam and len(parts) == 2:  # springs are at one place, or they would turn the parts
+                remote = replace(remote, points=(tuple(point), tuple(point)))
     return _made(spec, tuple(sides), where, wrench)
 
 

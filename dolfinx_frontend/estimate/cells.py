@@ -36,7 +36,7 @@ def cells_of(problem: Problem) -> dict[str, Cells]:
             for side in interface.sides:
                 faces.setdefault(side.substructure, []).append(side.face)
         own = {
-            name: _cells(part.part, faces.get(name, [])) if has_mesh(part) else _none(part.dim, faces.get(name, []))
+            name: (_cells if has_mesh(part) else _none)(part.part, faces.get(name, []))
             for name, part in problem.own.substructures.items()
             if name not in problem.spread
         }
@@ -62,9 +62,9 @@ def _cells(part: Any, faces: Sequence[str]) -> Cells:
     )
 
 
-def _none(d: int, faces: Sequence[str]) -> Cells:
+def _none(part: Any, faces: Sequence[str]) -> Cells:
     """Of a part that is a matrix."""
-    nothing = np.zeros(0, dtype=np.int64), np.zeros((0, d))
+    nothing = np.zeros(0, dtype=np.int64), np.zeros((0, part.given.dim))
     return Cells(np.zeros(0), True, False, dict.fromkeys(faces, nothing))
 
 

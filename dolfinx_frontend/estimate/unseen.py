@@ -220,7 +220,9 @@ def of_shapes(
         for side in interface.sides:
             acted.setdefault(side.substructure, []).append(interface.points)
     for name, part in problem.own.substructures.items():
-        if name not in fields or name in problem.spread or not has_mesh(part):  # of which Piece.of_shape tells
+        if name not in fields or name in problem.spread:  # of which Piece.of_shape tells
+            continue
+        if not has_mesh(part):
             continue
         points = np.concatenate(acted.get(name, [np.zeros((0, part.dim))]))
         u = fields[name]
@@ -324,7 +326,9 @@ def of_crossing_chords(problem: Problem) -> dict[str, float]:
             continue
         for side in interface.sides:
             part = problem.own.substructures.get(side.substructure)
-            if part is not None and part.name not in problem.spread and has_mesh(part):  # of which Piece.of_chords tells
+            if part is None or not has_mesh(part):
+                continue
+            if part.name not in problem.spread:  # of which Piece.of_chords tells
                 turned = CROSSING * of_chords(part, interface.points).share
                 out[part.name] = max(out.get(part.name, 0.0), turned)
     return {name: error for name, error in out.items() if error != 0.0}

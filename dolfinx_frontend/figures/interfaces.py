@@ -104,7 +104,8 @@ def interface_figure(
     own = problem.substructures[side.substructure]
     names = _drawn(problem, interface, normal, hide)
     plane = None if cut is None else _plane(cut, described.dim)
-    covering = [] if plane is None else sorted({*_drawn(problem, interface, normal, ())} - {*names, *(hide or ())})
+    every = [] if plane is None else _drawn(problem, interface, normal, ())
+    covering = sorted(set(every) - {*names, *(hide or ())})
     for name in (*names, *covering):
         problem.check_mesh(name)
     functions = {name: result.displacement(name, step) for name in names}

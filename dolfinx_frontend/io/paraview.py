@@ -142,7 +142,8 @@ def write_fields(
     check_kind("write_fields", "modes", modes, (list, tuple, range), wanted)
     checked_flag("write_fields", "shared", shared)
     if isinstance(materials, Scene):
-        materials = {name: spec.material for name, spec in materials.substructures.items()}
+        of_scene = {name: spec.material for name, spec in materials.substructures.items()}
+        materials = {name: material for name, material in of_scene.items() if material is not None}
     if isinstance(fields, Mapping):
         names, rank, comm = list(fields), 0, None
         made = dict(_function_grids(fields, materials or {}, shared))

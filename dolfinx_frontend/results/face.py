@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -231,11 +231,12 @@ class Face(ABC):
         """
         return self.everywhere(interface, lambda: (self.force(interface), self.jump(interface)))
 
-    def function(self, part: str, unknowns: Array, name: str) -> Any:
+    def function(self, part: str, unknowns: Array, name: str) -> fem.Function:
         """Unknowns (n,) as a dolfinx function; of a matrix as a :class:`Motion` of its points."""
         frames = frames_of(self.problem.substructures[part])
         if frames is not None:
-            return motion_of(frames.nodes, len(frames.given.points), unknowns, name == "displacement")
+            found = motion_of(frames.nodes, len(frames.given.points), unknowns, name == "displacement")
+            return cast(fem.Function, found)  # who asks for a matrix knows
         function = fem.Function(self.problem.substructures[part].V, name=name)
         function.x.array[:] = unknowns
         return function
@@ -286,8 +287,8 @@ class Face(ABC):
         return {name: self.unknowns(name) for name in self.problem.substructures}
 
     def displacement(self, part: str, step: int = -1) -> fem.Function:
-        """Displacement of a part as a dolfinx function, length; of a random answer its mean. Of a part that is
-        a matrix a :class:`Motion` of its points.
+        """Displacement of a part as a dolfinx function, length; of a random answer its mean. Of a part that
+        is a matrix a :class:`Motion` of its points.
 
         Of a part whose mesh is spread over the ranks it is on the whole mesh, and all ranks call this.
 

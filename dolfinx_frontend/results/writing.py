@@ -189,7 +189,8 @@ def _facets(problem: Problem, interface: Interface) -> Ints:
 
 
 def shape_tree(s: Substructure, material: Any) -> Tree:
-    """What a file has of a part but for numbers: its mesh, or how many of its nodes are the points of a matrix."""
+    """What a file has of a part but for numbers: its mesh, or how many of its nodes are the points of a
+    matrix."""
     frames = frames_of(s)
     if frames is not None:
         return {"points": len(frames.given.points)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NoReturn
 
 import numpy as np
@@ -19,8 +19,9 @@ __all__ = ["Matrix"]
 _RIGID = 1e-8
 """A rigid motion of which the forces are less, relative to the largest stiffness, is free."""
 
-_DIGITS = 1e-5
-"""Forces of a rigid motion below this, relative to the largest stiffness, are digits that a file has cut off."""
+_DIGITS = 1e-6
+"""Forces of a rigid motion below this, relative to the largest stiffness, are digits that a file has cut
+off."""
 
 _SYMMETRIC = 1e-8
 """Largest difference from the transposed matrix, relative to the largest entry."""
@@ -90,8 +91,8 @@ class Matrix:
         if given.shape != (n, n) or n not in per_point:
             wanted = " or ".join(f"({k}, {k})" for k in per_point)
             raise SceneError(
-                f"{where}: K is {given.shape} with {m} points in {d} dimensions; give {wanted}: displacements "
-                "of each point one after the other, or its displacements and rotations"
+                f"{where}: K is {given.shape} with {m} points in {d} dimensions; give {wanted}: "
+                "displacements of each point one after the other, or its displacements and rotations"
             )
         self.components = per_point[n]
         self.length = self._size(length)
@@ -134,8 +135,8 @@ class Matrix:
     def __repr__(self) -> str:
         kind = "displacements and rotations" if self.rotates else "displacements"
         return (
-            f"Matrix({self.size} unknowns, {kind} of {len(self.points)} points, {self.free_motions} free rigid "
-            f"motions, faces {', '.join(self.faces)})"
+            f"Matrix({self.size} unknowns, {kind} of {len(self.points)} points, {self.free_motions} free "
+            f"rigid motions, faces {', '.join(self.faces)})"
         )
 
     @property
@@ -195,7 +196,7 @@ class Matrix:
     def _size(self, given: float | None) -> float:
         if given is not None:
             return checked_number("Matrix", "length", given, above=0.0)
-        size = float(np.linalg.norm(np.ptp(self.points, axis=0))) / np.sqrt(self.dim)
+        size = float(np.linalg.norm(np.ptp(self.points, axis=0)) / np.sqrt(self.dim))
         if size == 0.0:
             raise SceneError("Matrix: its points are at one place, which has no size; give length=")
         return size
@@ -210,7 +211,7 @@ class Matrix:
         if not np.all(np.isfinite(given.data)):
             rows = np.repeat(np.arange(given.shape[0]), np.diff(given.indptr))
             at = rows[np.flatnonzero(~np.isfinite(given.data))[0]]
-            raise SceneError(f"Matrix: K has entries that are NaN or infinite, in the row of {self._named(at)}")
+            raise SceneError(f"Matrix: K has entries that are NaN or infinite, at {self._named(at)}")
         largest = float(np.abs(given.data).max(initial=0.0))
         if largest == 0.0:
             raise SceneError("Matrix: K is zero")
@@ -218,10 +219,11 @@ class Matrix:
         if off.nnz and np.abs(off.data).max() > _SYMMETRIC * largest:
             k = int(np.argmax(np.abs(off.data)))
             i, j = int(off.row[k]), int(off.col[k])
-            half = ": give both halves of it" if sp.triu(given, 1).nnz == 0 or sp.tril(given, -1).nnz == 0 else ""
+            one = 0 in (sp.triu(given, 1).nnz, sp.tril(given, -1).nnz)
+            half = ": give both halves of it" if one else ""
             raise SceneError(
-                f"Matrix: K is not symmetric: {given[i, j]:.9g} between {self._named(i)} and {self._named(j)}, "
-                f"{given[j, i]:.9g} the other way{half}"
+                f"Matrix: K is not symmetric: {given[i, j]:.9g} between {self._named(i)} and "
+                f"{self._named(j)}, {given[j, i]:.9g} the other way{half}"
             )
         return (0.5 * (given + given.T)).tocsr()
 
@@ -245,7 +247,7 @@ class Matrix:
 
     def _loads(self, given: Mapping[str, Any] | None) -> dict[str, Array]:
         check_optional_kind("Matrix", "loads", given, Mapping, "give {name: forces at the points}")
-        found = {}
+        found: dict[str, Array] = {}
         for name, forces in (given or {}).items():
             where = f"Matrix: load {checked_name('load', name)!r}"
             wanted = f"give ({self.size},), or ({len(self.points)}, {self.components})"
@@ -261,17 +263,17 @@ class Matrix:
         left, sizes, right = np.linalg.svd(self.motions() * scale[:, None], full_matrices=False)
         if sizes[-1] < _RIGID * sizes[0]:
             raise SceneError(
-                "Matrix: its points are on a line, and without rotations it cannot turn about it: give K with the "
-                "rotations of the points, or more points"
+                "Matrix: its points are on a line, and without rotations it cannot turn about it: give K "
+                "with the rotations of the points, or more points"
             )
         forces = (self.stiffness @ (left / scale[:, None])) / scale[:, None]
         _, values, rows = np.linalg.svd(forces / float((self.stiffness.diagonal() / scale**2).max()))
         doubtful = (values > _RIGID) & (values < _DIGITS)
         if doubtful.any():
             warn(
-                f"Matrix: {doubtful.sum()} rigid motions meet a resistance of {values[doubtful].max():.2g} of "
-                "the largest stiffness: too much for rounding, too little for a support: give K with all of its "
-                "digits, and the points where they were when it was reduced",
+                f"Matrix: {doubtful.sum()} rigid motions meet a resistance of {values[doubtful].max():.2g} "
+                "of the largest stiffness: too much for rounding, too little for a support: give K with all "
+                "of its digits, and the points where they were when it was reduced",
                 SceneWarning,
             )
         along = (rows * (values > _RIGID)[:, None]) @ (sizes[:, None] * right)
@@ -286,8 +288,8 @@ class Matrix:
         if len(empty):
             raise SceneError(
                 f"Matrix: the diagonal of K is {self.stiffness.diagonal()[empty[0]]:.4g} at "
-                f"{self._named(empty[0])}, and at {len(empty) - 1} others; every displacement and rotation needs "
-                "a stiffness > 0: leave rotations out if the points have none"
+                f"{self._named(empty[0])}, and at {len(empty) - 1} others; every displacement and rotation "
+                "needs a stiffness > 0: leave rotations out if the points have none"
             )
         if self.size > _DENSE:
             return
@@ -305,8 +307,8 @@ class Matrix:
             worst = np.linalg.svd(beside)[0][:, 0]
             raise SceneError(
                 f"Matrix: K has a motion without stiffness that is not rigid, most of all at "
-                f"{self._named(int(np.argmax(np.abs(worst))))}; a mechanism has no answer: leave such unknowns "
-                "out, or check that the points are those that K belongs to"
+                f"{self._named(int(np.argmax(np.abs(worst))))}; a mechanism has no answer: leave such "
+                "unknowns out, or check that the points are those that K belongs to"
             )
 
 
@@ -314,7 +316,7 @@ def _csr(K: Any) -> sp.csr_matrix:
     """A copy as a SciPy matrix."""
     if hasattr(K, "getValuesCSR"):
         if K.getComm().size > 1:
-            raise SceneError("Matrix: K is spread over MPI ranks; give a sequential matrix on the rank of the part")
+            raise SceneError("Matrix: K is spread over MPI ranks; give a sequential one on the part's rank")
         indptr, indices, values = K.getValuesCSR()
         return sp.csr_matrix((values, indices, indptr), shape=K.getSize())
     if sp.issparse(K):

@@ -541,10 +541,15 @@ class Scene:
 
     @journaled
     def springs(
-        self, face: str, name: str | None = None, point: Sequence[float] | None = None, **stiffness: Value
+        self,
+        face: str,
+        name: str | None = None,
+        point: Sequence[float] | None = None,
+        second: str | None = None,
+        **stiffness: Value,
     ) -> None:
-        """Springs from the mean rigid motion of a face to the ground (RBE3: the face itself stays as soft as
-        it is).
+        """Springs from the mean rigid motion of a face to the ground, or to that of another face (RBE3: the
+        faces themselves stay as soft as they are).
 
         Parameters
         ----------
@@ -555,14 +560,18 @@ class Scene:
             ``"<name>.x.normal"``; None:
             ``"springs(face)"``.
         point
-            Where the springs are; None: the centroid of the face.
+            Where the springs are; None: the centroid of the face, of the first one.
+        second
+            The other face; None: the ground.
         stiffness
             ``x``, ``y``, ``z`` (force / length) and ``rx``, ``ry``, ``rz`` (force * length), numbers or
             random; in
             2D x, y and rz.
         """
         where = f"springs of {face!r}"
-        found = self._face(face, where)
+        found = [self._face(each, where) for each in (face, second) if each is not None]
+        if found[0] == found[-1] and second is not None:
+            raise SceneError(f"{where}: both ends are {face}; join two different faces")
         place = None if point is None else tuple(map(float, plain_vector(where, "point", point)))
         if not stiffness:
             raise SceneError(f"{where}: no stiffness is given; give x=, y=, z=, rx=, ry= or rz=")
@@ -570,8 +579,9 @@ class Scene:
             check_known("spring", key, ("x", "y", "z", "rx", "ry", "rz"), where)
             force, moment = np.zeros(3), np.zeros(3)
             (moment if key[0] == "r" else force)["xyz".index(key[-1])] = 1.0
-            remote = Remote(points=(place,), forces=(tuple(force),), moments=(tuple(moment),))
-            self._remote(f"{name or f'springs({face})'}.{key}", (found,), Elastic(normal=value), remote)
+            n = len(found)
+            remote = Remote(points=(place,) * n, forces=(tuple(force),) * n, moments=(tuple(moment),) * n)
+            self._remote(f"{name or f'springs({face})'}.{key}", tuple(found), Elastic(normal=value), remote)
 
     @journaled
     def beam(
@@ -903,7 +913,8 @@ class Scene:
         parts = []
         for s in self.substructures.values():
             if s.matrix is not None:
-                parts.append((s.name, str(len(s.matrix.points)), f"points of a matrix, {s.matrix.size} unknowns"))
+                kind = f"points of a matrix, {s.matrix.size} unknowns"
+                parts.append((s.name, str(len(s.matrix.points)), kind))
                 continue
             material = type(s.material).__name__ if isinstance(s.material, Material) else "UFL form"
             cells, kind = ("", "not made yet") if s.lazy else (

@@ -187,14 +187,17 @@ class SubstructureSpec:
         """The same, of a part that is a matrix: it has all of its stiffness."""
         if self.material is not None or self.body_force is not None:
             raise SceneError(
-                f"{where}: {'a material' if self.material is not None else 'body_force'} beside a Matrix, which "
-                "is the whole stiffness and has loads of its own: leave it out, or give it as loads={name: forces}"
+                f"{where}: {'a material' if self.material is not None else 'body_force'} beside a Matrix, "
+                "which "
+                "is the whole stiffness and has loads of its own: leave it out, or give it as "
+                "loads={name: forces}"
             )
         if self.axisymmetric:
             raise SceneError(f"{where}: a Matrix in an axisymmetric scene; model it in 3D")
         if is_random_field(self.stiffness):
             raise SceneError(
-                f"{where}: stiffness = {short(self.stiffness)}, and a Matrix has no cells; give a random number"
+                f"{where}: stiffness = {short(self.stiffness)}, and a Matrix has no cells; give a random "
+                "number"
             )
         return self
 
