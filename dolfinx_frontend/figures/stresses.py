@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.common.checks import (
     check_known,
     checked_flag,
@@ -84,7 +85,8 @@ def stress_figure(
     problem = result.problem
     if isinstance(parts, str):
         parts = [parts]
-    names = list(problem.substructures) if parts is None else checked_names(where, "parts", parts)
+    meshed = [name for name, part in problem.substructures.items() if has_mesh(part)]
+    names = meshed if parts is None else checked_names(where, "parts", parts)
     for name in names:
         check_known("part", name, problem.substructures, where)
         problem.check_mesh(name)
