@@ -12,7 +12,7 @@ Parts and interfaces (N, mm, MPa)
     frame       ``lf.Matrix(K, points, loads, faces)``: 2 x 25 points, grounded
     brackets    steel, 80 x 80 x 40, each on a pad: contact with friction
     bolts       one M16 for each bracket, a beam between its upper face and the pad, tightened to 40 kN
-    load        3 kN down and 4 kN along the frame, 10 mm in front of the middle of one bracket, from t = 1 to 2
+    load        3 kN down and 4 kN along the frame beside the middle of one bracket, from t = 1 to 2
 
 Random variables
     Preload (normal, 10 %), friction (lognormal, 20 %) and the stiffness of the whole frame (lognormal, 10 %).

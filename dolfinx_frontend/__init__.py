@@ -99,12 +99,14 @@ _DEFERRED = {
     "InpDeck": "decks.abaqus.deck",
     "read_deck": "decks.reading",
     "read_inp": "decks.abaqus.deck",
+    "read_matrix": "decks.matrices",
 }
 """Name -> module that is loaded when it is asked for: who solves draws nothing, and reads no deck."""
 
 if _TYPE_CHECKING:
     from dolfinx_frontend import figures
     from dolfinx_frontend.decks.abaqus.deck import InpDeck, read_inp
+    from dolfinx_frontend.decks.matrices import read_matrix
     from dolfinx_frontend.decks.reading import read_deck
     from dolfinx_frontend.sheets.report import Report, report
 else:
@@ -212,6 +214,7 @@ __all__ = [
     "quasi_monte_carlo",
     "read_deck",
     "read_inp",
+    "read_matrix",
     "read_step",
     "reference",
     "reliability",

@@ -59,7 +59,7 @@ _ARM = 0.5
 """Arms of frames relative to the size of the part."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Motion:
     """Displacement of a part that is a matrix, at its points.
 
@@ -70,12 +70,17 @@ class Motion:
     displacements
         (m, d), length.
     rotations
-        (m, 3), in 2D (m, 1), radians; None: its points have none, or the numbers are deviations.
+        (m, 3), in 2D (m, 1), radians, NaN at points that have none; None: no point has any, or the numbers
+        are deviations.
     """
 
     points: Array
     displacements: Array
     rotations: Array | None = None
+
+    def __repr__(self) -> str:
+        largest = float(np.linalg.norm(self.displacements, axis=1).max())
+        return f"Motion({len(self.points)} points, displacements up to {largest:.4g})"
 
 
 class Frames:
@@ -100,9 +105,9 @@ class Frames:
     def __init__(self, given: Matrix) -> None:
         self.given, self.names = given, given.names
         m, d = given.points.shape
-        arm = _ARM * given.length if given.rotates else None
-        self.nodes = _nodes(given.points, arm)
-        self.motions, self.strains = _frames(m, d, arm)
+        self.nodes = _nodes(given.points, given.turning, _ARM * given.length)
+        motions, self.strains = _frames(m, d, given.turning, _ARM * given.length)
+        self.motions = motions[given.unknowns @ [given.components, 1]]
         self.held = given.held if given.held.any() else None
         self.surface = self.motions.shape[1] // given.dim
 
@@ -119,14 +124,16 @@ class Frames:
         return np.asarray(self.motions.T @ self.given.loads[name])
 
 
-def motion_of(nodes: Array, points: int, unknowns: Array, linear: bool = True) -> Motion:
-    """What unknowns (n,) at nodes (n / d, d), the points first, are at the points; `linear`: they are
-    displacements, and no deviations."""
+def motion_of(nodes: Array, points: int, turning: Ints, unknowns: Array, linear: bool = True) -> Motion:
+    """What unknowns (n,) at nodes (n / d, d), the points first, are at the points, of which some turn;
+    `linear`: they are displacements, and no deviations."""
     d, values = nodes.shape[1], np.asarray(unknowns).reshape(nodes.shape)
     rotations = None
-    if len(nodes) > points and linear:
-        motions, _ = _frames(points, d, float(np.linalg.norm(nodes[points] - nodes[0])))
-        rotations = (motions @ values.ravel()).reshape(points, -1)[:, d:]
+    if len(turning) and linear:
+        motions, _ = _frames(points, d, turning, float(np.linalg.norm(nodes[points] - nodes[turning[0]])))
+        every = (motions @ values.ravel()).reshape(points, -1)[:, d:]
+        rotations = np.full_like(every, np.nan)
+        rotations[turning] = every[turning]
     return Motion(nodes[:points], values[:points], rotations)
 
 
@@ -141,13 +148,9 @@ def discretised_matrix(spec: SubstructureSpec) -> Substructure:
     given = spec.matrix
     assert given is not None
     part = Frames(given)
-    m, d = given.points.shape
-    x = part.nodes
-    stiffness = given.stiffness
-    if given.rotates:
-        springs = float(given.stiffness.diagonal().reshape(m, -1)[:, :d].mean())
-        stiffness = part.motions.T @ given.stiffness @ part.motions
-        stiffness = stiffness + springs * (part.strains.T @ part.strains)
+    x, d = part.nodes, given.dim
+    stiffness = part.motions.T @ given.stiffness @ part.motions
+    stiffness = stiffness + given.springs * (part.strains.T @ part.strains)
     centre = given.centre
     return Substructure(
         name=spec.name,
@@ -170,39 +173,44 @@ def has_mesh(s: Any) -> bool:
     return bool(getattr(type(s), "meshed", True)) and frames_of(s) is None
 
 
-def _nodes(points: Array, arm: float | None) -> Array:
-    """(n / d, d): the points, and the ends of the arms along x and y of all of them."""
+def _nodes(points: Array, turning: Ints, arm: float) -> Array:
+    """(n / d, d): the points, and the ends of the arms along x and y of those that turn."""
     d = points.shape[1]
-    ends = [] if arm is None else [points + each for each in arm * np.eye(d)[: d - 1]]
-    return np.concatenate([points, *ends])
+    return np.concatenate([points, *(points[turning] + each for each in arm * np.eye(d)[: d - 1])])
 
 
-def _frames(m: int, d: int, arm: float | None) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Displacements (and rotations) of points from the unknowns of the nodes, and strains of their frames."""
-    if arm is None:
-        return sp.identity(d * m, format="csr"), sp.csr_matrix((0, d * m))
-    count = 6 if d == 3 else 3
-    # by component of the point, or number of the strain: which end moves along which axis, and by how much
+def _frames(m: int, d: int, turning: Ints, arm: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """From the unknowns of the nodes: displacements (and rotations, 0 of points that do not turn) of points
+    (m * components, n), and strains of their frames."""
+    k, count = len(turning), d + (2 * d - 3 if len(turning) else 0)
+    rows: list[Ints] = [(count * np.arange(m)[:, None] + np.arange(d)).ravel()]
+    columns: list[Ints] = [np.arange(d * m)]
+    values: list[Array] = [np.ones(d * m)]
+
+    def add(row: Ints, terms: list[tuple[int, int, float]], factor: float) -> None:
+        """How far ends move from their points along axes, (end, axis, weight)."""
+        for end, axis, value in terms:
+            for node, sign in ((m + end * k + np.arange(k), 1.0), (turning, -1.0)):
+                rows.append(row)
+                columns.append(d * node + axis)
+                values.append(np.full(k, sign * value * factor))
+
+    def made(size: int) -> sp.csr_matrix:
+        at = (np.concatenate(rows), np.concatenate(columns))
+        return sp.csr_matrix((np.concatenate(values), at), shape=(size, d * (m + (d - 1) * k)))
+
     if d == 3:
         turns = [[(1, 2, 1.0)], [(0, 2, -1.0)], [(0, 1, 0.5), (1, 0, -0.5)]]
         strained = [[(0, 0, 1.0)], [(1, 1, 1.0)], [(0, 1, 0.5**0.5), (1, 0, 0.5**0.5)]]
     else:
         turns, strained = [[(0, 1, 1.0)]], [[(0, 0, 1.0)]]
-    ends = sp.csr_matrix(np.hstack([-np.ones((d - 1, 1)), np.eye(d - 1)]))  # from the point
-
-    def rows(terms: list[tuple[int, int, float]], factor: float) -> sp.csr_matrix:
-        """(m, n): a sum of what ends move from the point."""
-        of = sp.csr_matrix((m, d * d * m))
-        for end, axis, value in terms:
-            along = sp.kron(sp.identity(m), sp.csr_matrix(np.eye(d)[axis]))
-            of = of + sp.kron(ends[end], factor * value * along)
-        return of.tocsr()
-
-    moves = [sp.kron(sp.identity(m), sp.csr_matrix(np.eye(d)[axis])) for axis in range(d)]
-    moves = [sp.hstack([each, sp.csr_matrix((m, (d - 1) * d * m))]) for each in moves]
-    every = sp.vstack([*moves, *(rows(terms, 1.0 / arm) for terms in turns)]).tocsr()
-    by_point = np.arange(count * m).reshape(count, m).T.ravel()
-    return every[by_point], sp.vstack([rows(terms, 1.0) for terms in strained]).tocsr()
+    for component, terms in enumerate(turns):
+        add(count * turning + d + component, terms, 1.0 / arm)
+    motions = made(count * m)
+    rows, columns, values = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    for number, terms in enumerate(strained):
+        add(len(strained) * np.arange(k) + number, terms, 1.0)
+    return motions, made(len(strained) * k)
 
 
 def _points_of(given: Matrix, face: str, where: str) -> Ints:
@@ -233,7 +241,7 @@ class PointsOf:
         """Forces (n,) on the nodes, of forces and moments (k, components) on the points."""
         every = np.zeros((len(self.given.points), self.given.components))
         every[self.some] = forces
-        return np.asarray(self._motions.T @ every.ravel())
+        return np.asarray(self._motions.T @ self.given.rows(every))
 
     def spread(self, force: Array, moment: Array) -> Array:
         """Forces and moments on the points (k, components) with a resultant: a force and a moment about their
@@ -246,8 +254,7 @@ class PointsOf:
         """
         d, length = self.dim, self.given.length
         wanted = np.concatenate([force, np.asarray(moment) / length])
-        motions = self.given.motions(self.centre, self.some)
-        motions = motions.reshape(len(self.some), self.given.components, -1)
+        motions = self.given.motions(self.centre)[self.some]
         weights = np.ones(self.given.components)
         weights[d:] = 0.0
         if np.linalg.matrix_rank(motions[:, :d].reshape(-1, motions.shape[2]), tol=1e-6) < motions.shape[2]:
@@ -416,7 +423,9 @@ def at_points(spec: InterfaceSpec, s: Substructure) -> Interface:
         )
     nodes, m, d = on.some, len(on.given.points), s.dim
     if clamped:
-        nodes = np.concatenate([on.some + m * k for k in range(s.size // (d * m))])
+        turning = np.flatnonzero(np.isin(on.given.turning, on.some))
+        ends = [m + k * len(on.given.turning) + turning for k in range(d - 1)]
+        nodes = np.concatenate([on.some, *ends])
     x, k = s.dof_coordinates[nodes], len(nodes)
     shape = sp.csr_matrix((np.ones(k), (np.arange(k), nodes)), shape=(k, s.size // d))
     normals = np.tile(np.eye(d)[0], (k, 1))

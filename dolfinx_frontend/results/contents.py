@@ -122,8 +122,9 @@ class _Contents:
                 node.entry("mesh")
         if "deviation" in node:
             node.numbers("deviation", *field)
-        if "points" in node and len(nodes) / node.whole("points", 1, len(nodes)) not in (1, dim):
-            raise node.wrong("points", f"{len(nodes)}, or the {dim}th part of it,")
+        if "points" in node:
+            points = node.whole("points", 1, len(nodes))
+            node.wholes("turning", (len(nodes) - points) // (dim - 1), below=points)
         if "mesh" in node:
             self._check_mesh(node.group("mesh"), len(nodes), nodes.shape[1])
 

@@ -235,7 +235,9 @@ class Face(ABC):
         """Unknowns (n,) as a dolfinx function; of a matrix as a :class:`Motion` of its points."""
         frames = frames_of(self.problem.substructures[part])
         if frames is not None:
-            found = motion_of(frames.nodes, len(frames.given.points), unknowns, name == "displacement")
+            given = frames.given
+            shape = frames.nodes, len(given.points), given.turning
+            found = motion_of(*shape, unknowns, linear=name == "displacement")
             return cast(fem.Function, found)  # who asks for a matrix knows
         function = fem.Function(self.problem.substructures[part].V, name=name)
         function.x.array[:] = unknowns

@@ -260,13 +260,14 @@ class _Points(_Nodes):
 
     meshed = False
 
-    def __init__(self, name: str, nodes: Array, points: int) -> None:
+    def __init__(self, name: str, nodes: Array, points: int, turning: Ints) -> None:
         super().__init__(name, nodes, "it is a matrix, of which only displacements are known")
-        self._points = points
+        self._points, self._turning = points, turning
 
     def function(self, unknowns: Array, name: str) -> Motion:
         """Unknowns (n,) at the points."""
-        return motion_of(self.dof_coordinates, self._points, unknowns, name == "displacement")
+        linear = name == "displacement"
+        return motion_of(self.dof_coordinates, self._points, self._turning, unknowns, linear)
 
 
 # --- the result ------------------------------------------------------------------------------------
@@ -796,7 +797,7 @@ def _read_part(name: str, node: Tree, why: str) -> StoredPart | _Nodes:
         if what in node and _numbers(node[what], f"{name}: {what}").shape[-2:] != nodes.shape:
             raise ValueError(f"{name}: {what} of another shape than the nodes")
     if "points" in node:
-        return _Points(name, nodes, int(node["points"]))
+        return _Points(name, nodes, int(node["points"]), np.array(node["turning"], dtype=np.int64))
     return StoredPart(name, node["mesh"], nodes) if "mesh" in node else _Nodes(name, nodes, why)
 
 

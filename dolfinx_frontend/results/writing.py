@@ -193,7 +193,7 @@ def shape_tree(s: Substructure, material: Any) -> Tree:
     matrix."""
     frames = frames_of(s)
     if frames is not None:
-        return {"points": len(frames.given.points)}
+        return {"points": len(frames.given.points), "turning": frames.given.turning}
     return {"mesh": part_arrays(s.part, s.V, material)}
 
 

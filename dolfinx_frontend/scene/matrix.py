@@ -50,6 +50,8 @@ class Matrix:
         Name -> (n,), forces [and moments] at the points; they act where ``scene.load(part, name)`` says so.
     faces
         Name -> indices of its points, or one index; None: ``"points"``, all of them.
+    rotations
+        Indices of the points that have rotations; None: all or none, as K is large.
     length
         Size of the part; None: that of the points.
 
@@ -76,6 +78,7 @@ class Matrix:
         points: Any,
         loads: Mapping[str, Any] | None = None,
         faces: Mapping[str, Any] | None = None,
+        rotations: Any = None,
         length: float | None = None,
     ) -> None:
         where = "Matrix"
@@ -86,15 +89,11 @@ class Matrix:
         if d not in (2, 3) or not m:
             raise SceneError(f"{where}: points of shape {self.points.shape}; give (m, 2) or (m, 3)")
         given = _csr(K)
-        n = given.shape[0]
-        per_point = {d * m: d, (d + (3 if d == 3 else 1)) * m: d + (3 if d == 3 else 1)}
-        if given.shape != (n, n) or n not in per_point:
-            wanted = " or ".join(f"({k}, {k})" for k in per_point)
-            raise SceneError(
-                f"{where}: K is {given.shape} with {m} points in {d} dimensions; give {wanted}: "
-                "displacements of each point one after the other, or its displacements and rotations"
-            )
-        self.components = per_point[n]
+        self.turning: Ints = read_only(self._turning(given.shape, rotations))
+        has = np.zeros((m, d + (2 * d - 3 if len(self.turning) else 0)), dtype=bool)
+        has[:, :d] = True
+        has[self.turning] = True
+        self.unknowns: Ints = read_only(np.argwhere(has))
         self.length = self._size(length)
         self.stiffness: sp.csr_matrix = locked_matrix(self._symmetric(given), own=True)
         self.faces: Mapping[str, Ints] = ReadOnlyDict(self._faces(faces))
@@ -113,9 +112,13 @@ class Matrix:
         return int(self.stiffness.shape[0])
 
     @property
-    def rotates(self) -> bool:
-        """Whether its points have rotations."""
-        return self.components > self.dim
+    def components(self) -> int:
+        """Numbers of a point at most: d, or with rotations 6 (in 2D 3)."""
+        return int(self.unknowns[:, 1].max()) + 1
+
+    def rows(self, values: Array) -> Array:
+        """Of numbers (m, components, ...) those of the unknowns, (n, ...)."""
+        return np.asarray(values[self.unknowns[:, 0], self.unknowns[:, 1]])
 
     @property
     def centre(self) -> Array:
@@ -133,7 +136,10 @@ class Matrix:
         return {name: number for number, name in enumerate(self.faces)}
 
     def __repr__(self) -> str:
-        kind = "displacements and rotations" if self.rotates else "displacements"
+        kind = "displacements"
+        if len(self.turning):
+            every = len(self.turning) == len(self.points)
+            kind += " and rotations" if every else f" (and {len(self.turning)} rotations)"
         return (
             f"Matrix({self.size} unknowns, {kind} of {len(self.points)} points, {self.free_motions} free "
             f"rigid motions, faces {', '.join(self.faces)})"
@@ -158,25 +164,22 @@ class Matrix:
     @property
     def scale(self) -> Array:
         """(n,): 1 of a displacement, the length of a rotation: what makes stiffnesses comparable."""
-        one = np.ones(self.components)
-        one[self.dim :] = self.length
-        return np.tile(one, len(self.points))
+        return np.where(self.unknowns[:, 1] < self.dim, 1.0, self.length)
 
-    def motions(self, centre: Array | None = None, some: Ints | None = None) -> Array:
-        """(k * components, r): rigid motions at some points (None: all): translations, then rotations of
-        1 / length about a centre (None: :attr:`centre`)."""
+    def motions(self, centre: Array | None = None) -> Array:
+        """(m, components, r): rigid motions at the points: translations, then rotations of 1 / length about a
+        centre (None: :attr:`centre`)."""
         d = self.dim
-        x = self.points if some is None else self.points[some]
-        r = (x - (self.centre if centre is None else centre)) / self.length
-        out = np.zeros((len(x), self.components, 3 if d == 2 else 6))
+        r = (self.points - (self.centre if centre is None else centre)) / self.length
+        out = np.zeros((len(r), self.components, 3 if d == 2 else 6))
         out[:, :d, :d] = np.eye(d)
         if d == 2:
             out[:, 0, 2], out[:, 1, 2] = -r[:, 1], r[:, 0]
         else:
             out[:, :3, 3:] = np.cross(np.eye(3)[None], r[:, None]).swapaxes(1, 2)
-        if self.rotates:
-            out[:, d:, d:] = np.eye(self.components - d) / self.length
-        return out.reshape(-1, out.shape[2])
+        if len(self.turning):
+            out[self.turning, d:, d:] = np.eye(self.components - d) / self.length
+        return out
 
     def modulus(self) -> float:
         """Young's modulus of a body of its size that resists uniform shears as it does, force / area."""
@@ -186,12 +189,33 @@ class Matrix:
             for j in range(i):
                 u = np.zeros((len(x), self.components))
                 u[:, i], u[:, j] = x[:, i], -x[:, j]
-                total += float(u.ravel() @ (self.stiffness @ u.ravel()))
+                total += float(self.rows(u) @ (self.stiffness @ self.rows(u)))
                 pairs += 1
         found = 0.65 * total / (pairs * self.length**d)
-        diagonal = self.stiffness.diagonal().reshape(len(x), -1)[:, :d]
-        springs = float(diagonal.mean()) * self.length ** (2 - d)
+        springs = self.springs * self.length ** (2 - d)
         return found if found > _RIGID * springs else springs  # one point, say
+
+    @property
+    def springs(self) -> float:
+        """Mean stiffness of a displacement, force / length."""
+        return float(self.stiffness.diagonal()[self.unknowns[:, 1] < self.dim].mean())
+
+    def _turning(self, shape: tuple[int, int], given: Any) -> Ints:
+        """The points that have rotations."""
+        m, d = self.points.shape
+        more = 2 * d - 3
+        if given is not None:
+            some = _indices("Matrix: rotations", given, m)
+        else:
+            some = np.arange(m if shape[0] == (d + more) * m else 0)
+        n = d * m + more * len(some)
+        if shape != (n, n):
+            wanted = f"({n}, {n})" if given is not None else f"({n}, {n}) or ({n + more * m}, {n + more * m})"
+            raise SceneError(
+                f"Matrix: K is {shape} with {m} points in {d} dimensions; give {wanted}: displacements of "
+                "each point one after the other, each followed by the rotations of the point if it has any"
+            )
+        return some
 
     def _size(self, given: float | None) -> float:
         if given is not None:
@@ -202,7 +226,7 @@ class Matrix:
         return size
 
     def _named(self, unknown: int) -> str:
-        point, component = divmod(int(unknown), self.components)
+        point, component = self.unknowns[unknown]
         axes = _AXES if self.dim == 3 else ("x", "y", "rz")
         return f"{axes[component]} of point {point}"
 
@@ -234,15 +258,8 @@ class Matrix:
             return {"points": read_only(np.arange(m))}
         found = {}
         for name, indices in given.items():
-            where = f"Matrix: face {checked_name('face', name, colon=False)!r}"
-            which = np.atleast_1d(np.asarray(indices))
-            if which.ndim != 1 or which.dtype.kind not in "iu" or not len(which):
-                raise SceneError(f"{where} = {short(indices)}; give indices of points, or one")
-            if which.min() < 0 or which.max() >= m:
-                raise SceneError(f"{where} has the point {which.max()}; there are {m}, from 0")
-            if len(np.unique(which)) < len(which):
-                raise SceneError(f"{where} = {short(indices)} names a point twice")
-            found[name] = read_only(np.sort(which).astype(np.int64))
+            what = f"Matrix: face {checked_name('face', name, colon=False)!r}"
+            found[name] = read_only(_indices(what, indices, m))
         return found
 
     def _loads(self, given: Mapping[str, Any] | None) -> dict[str, Array]:
@@ -250,7 +267,7 @@ class Matrix:
         found: dict[str, Array] = {}
         for name, forces in (given or {}).items():
             where = f"Matrix: load {checked_name('load', name)!r}"
-            wanted = f"give ({self.size},), or ({len(self.points)}, {self.components})"
+            wanted = f"give ({self.size},), as the rows of K are"
             values = checked_numbers(where, "forces", forces, wanted)
             if values.size != self.size:
                 raise SceneError(f"{where} has {values.size} numbers, K {self.size} rows; {wanted}")
@@ -260,7 +277,7 @@ class Matrix:
     def _check_motions(self) -> Array:
         """(r, r): Gram matrix of what it resists of its rigid motions, relative to the largest stiffness."""
         scale = self.scale
-        left, sizes, right = np.linalg.svd(self.motions() * scale[:, None], full_matrices=False)
+        left, sizes, right = np.linalg.svd(self.rows(self.motions()) * scale[:, None], full_matrices=False)
         if sizes[-1] < _RIGID * sizes[0]:
             raise SceneError(
                 "Matrix: its points are on a line, and without rotations it cannot turn about it: give K "
@@ -286,10 +303,11 @@ class Matrix:
         largest = float(scaled.diagonal().max())
         empty = np.flatnonzero(scaled.diagonal() <= 0.0)
         if len(empty):
+            others = f", and at {len(empty) - 1} others" if len(empty) > 1 else ""
             raise SceneError(
                 f"Matrix: the diagonal of K is {self.stiffness.diagonal()[empty[0]]:.4g} at "
-                f"{self._named(empty[0])}, and at {len(empty) - 1} others; every displacement and rotation "
-                "needs a stiffness > 0: leave rotations out if the points have none"
+                f"{self._named(empty[0])}{others}; every displacement and rotation needs a stiffness > 0: "
+                "leave rotations out if the points have none"
             )
         if self.size > _DENSE:
             return
@@ -300,7 +318,7 @@ class Matrix:
                 f"Matrix: K is indefinite: it has the eigenvalue {values[0] / largest:.3g} of the largest "
                 f"stiffness, most of all at {self._named(at)}; a stiffness is positive semidefinite"
             )
-        rigid = np.linalg.qr(self.motions() * self.scale[:, None])[0]
+        rigid = np.linalg.qr(self.rows(self.motions()) * self.scale[:, None])[0]
         soft = vectors[:, values < _INDEFINITE * largest]
         beside = soft - rigid @ (rigid.T @ soft)
         if beside.size and np.linalg.norm(beside, 2) > 0.01:
@@ -310,6 +328,18 @@ class Matrix:
                 f"{self._named(int(np.argmax(np.abs(worst))))}; a mechanism has no answer: leave such "
                 "unknowns out, or check that the points are those that K belongs to"
             )
+
+
+def _indices(what: str, given: Any, count: int) -> Ints:
+    """Some of the points, each once, ascending."""
+    which = np.atleast_1d(np.asarray(given))
+    if which.ndim != 1 or which.dtype.kind not in "iu" or not len(which):
+        raise SceneError(f"{what} = {short(given)}; give indices of points, or one")
+    if which.min() < 0 or which.max() >= count:
+        raise SceneError(f"{what} has the point {which.max()}; there are {count}, from 0")
+    if len(np.unique(which)) < len(which):
+        raise SceneError(f"{what} = {short(given)} names a point twice")
+    return np.sort(which).astype(np.int64)
 
 
 def _csr(K: Any) -> sp.csr_matrix:

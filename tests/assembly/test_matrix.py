@@ -192,6 +192,32 @@ def test_partly_grounded():
     assert lf.Matrix(K, ENDS).free_motions == 5
 
 
+def without_turns_of_the_tip():
+    """Stiffness (9, 9) of the beam with the rotations of its tip condensed."""
+    K, a, i = beam(), np.arange(9), np.arange(9, 12)
+    return K[np.ix_(a, a)] - K[np.ix_(a, i)] @ np.linalg.solve(K[np.ix_(i, i)], K[np.ix_(i, a)])
+
+
+def test_some_points_have_rotations(tmp_path):
+    K = without_turns_of_the_tip()
+    with pytest.raises(lf.SceneError, match="diagonal of K is 0 at rx of point 0; every"):
+        lf.Matrix(np.round(K, 6), ENDS, rotations=[0])  # nothing holds the torsion of the root any more
+    K[3, 3] += 1e6
+    matrix = lf.Matrix(K, ENDS, {"pull": np.r_[np.zeros(6), FORCE]}, {"root": 0, "tip": 1}, rotations=[0])
+    assert matrix.size == 9 and "(and 1 rotations)" in repr(matrix)
+    scene = lf.Scene()
+    scene.substructure("frame", matrix)
+    scene.fix("frame:root")
+    scene.load("frame", "pull")
+    result = lf.solve(lf.assemble(scene))
+    found = result.displacement("frame")
+    assert found.displacements[1] == pytest.approx(tip(FORCE, np.zeros(3))[0], rel=1e-9)
+    assert not found.rotations[0].any() and np.isnan(found.rotations[1]).all()
+    result.save(tmp_path / "frame.h5")
+    again = lf.load(tmp_path / "frame.h5").displacement("frame")
+    assert again.rotations == pytest.approx(found.rotations, nan_ok=True)
+
+
 def test_in_two_dimensions():
     rows = [0, 1, 5, 6, 7, 11]
     scene = lf.Scene()
@@ -327,6 +353,8 @@ def mechanism():
         (beam(), {"faces": {"tip": "last"}}, "give indices of points"),
         (beam(), {"loads": {"pull": [1.0]}}, "load 'pull' has 1 numbers, K 12 rows"),
         (beam(), {"length": -1.0}, "length"),
+        (beam(), {"rotations": [0]}, r"give \(9, 9\)"),
+        (beam(), {"rotations": [0, 2]}, "has the point 2; there are 2"),
     ],
 )
 def test_wrong_matrices_are_refused(K, settings, said):

@@ -231,6 +231,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(ways, ways["chaos=2"], plan.price),
         *questions(problem),
         report(result, pictures=False, errors=False),
+        dolfinx_frontend.Matrix(np.eye(12), [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
         DistributionFit("k", 9, (Candidate("normal", None, 1.0, 0.1, 3.0, 3.5, 0.4, 0.3),), ("few values",)),
         result.solver.linearised(result.laws, result.state),
         *kernel(),
