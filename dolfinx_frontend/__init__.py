@@ -97,6 +97,8 @@ _DEFERRED = {
     "Report": "sheets.report",
     "report": "sheets.report",
     "InpDeck": "decks.abaqus.deck",
+    "BdfDeck": "decks.nastran.deck",
+    "read_bdf": "decks.nastran.deck",
     "read_deck": "decks.reading",
     "read_inp": "decks.abaqus.deck",
     "read_matrix": "decks.matrices",
@@ -107,6 +109,7 @@ if _TYPE_CHECKING:
     from dolfinx_frontend import figures
     from dolfinx_frontend.decks.abaqus.deck import InpDeck, read_inp
     from dolfinx_frontend.decks.matrices import read_matrix
+    from dolfinx_frontend.decks.nastran.deck import BdfDeck, read_bdf
     from dolfinx_frontend.decks.reading import read_deck
     from dolfinx_frontend.sheets.report import Report, report
 else:
@@ -124,6 +127,7 @@ else:
 __all__ = [
     "Amplitude",
     "AtPoint",
+    "BdfDeck",
     "Beta",
     "BoltStiffness",
     "Chaos",
@@ -212,6 +216,7 @@ __all__ = [
     "monte_carlo",
     "progress",
     "quasi_monte_carlo",
+    "read_bdf",
     "read_deck",
     "read_inp",
     "read_matrix",

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from dolfinx_frontend.common.checks import checked_flag, checked_path
 from dolfinx_frontend.decks import toml
-from dolfinx_frontend.decks.abaqus.deck import read_inp
+from dolfinx_frontend.decks.abaqus.deck import InpDeck, read_inp
 from dolfinx_frontend.decks.lines import DeckError
+from dolfinx_frontend.decks.nastran.deck import read_bdf
 from dolfinx_frontend.decks.settings import Deck
 
 __all__ = ["READERS", "read_deck"]
@@ -16,13 +17,21 @@ __all__ = ["READERS", "read_deck"]
 
 def _inp(path: Path, allow_code: bool) -> Deck:
     """A deck of Abaqus or CalculiX, which names no code."""
-    deck = read_inp(path)
+    return _foreign(path, read_inp(path))
+
+
+def _bdf(path: Path, allow_code: bool) -> Deck:
+    """A file of Nastran, which names no code."""
+    return _foreign(path, read_bdf(path))
+
+
+def _foreign(path: Path, deck: InpDeck) -> Deck:
     run = {} if deck.times is None else {"times": [float(t) for t in deck.times]}
     notes = tuple(f"{n.file}:{n.line}: *{n.keyword} {n.kind}: {n.text}" for n in deck.notes)
     return Deck(deck.scene(), run=run, title=deck.name, path=path, notes=notes)
 
 
-READERS: dict[str, Callable[[Path, bool], Deck]] = {".inp": _inp, ".toml": toml.read}
+READERS: dict[str, Callable[[Path, bool], Deck]] = {".bdf": _bdf, ".inp": _inp, ".toml": toml.read}
 """Suffix of a file -> its reader, which takes the path and whether code may be executed."""
 
 

@@ -178,10 +178,10 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
 
 
 def _facets(problem: Problem, interface: Interface) -> Ints:
-    """(k, 2): cells and numbers of its facets in them; points of a matrix have none."""
+    """(k, 2): cells and numbers of its facets in them; a node, and points of a matrix, have none."""
     side = interface.sides[interface.carrier]
     s = problem.substructures[side.substructure]
-    if frames_of(s) is not None:
+    if frames_of(s) is not None or side.face not in s.part.names:
         return np.zeros((0, 2), dtype=np.int64)
     tag = s.part.names.get(side.face, -1)  # nodes have no face
     facets = np.sort(s.part.facet_tags.find(tag))[interface.facets]

@@ -22,6 +22,7 @@ import latin_core
 from dolfinx_frontend import (
     Amplitude,
     AtPoint,
+    BdfDeck,
     Beta,
     BoltStiffness,
     Chaos,
@@ -63,6 +64,7 @@ from dolfinx_frontend import (
     geometry,
     load,
     make_plan,
+    read_bdf,
     read_inp,
     read_step,
     reliability,
@@ -159,6 +161,15 @@ def deck(folder: Path) -> InpDeck:
     return read_inp(folder / "cube.inp")
 
 
+def bulk(folder: Path) -> BdfDeck:
+    """A tetrahedron."""
+    corners = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+    cards = [f"GRID,{k + 1},,{x}.,{y}.,{z}." for k, (x, y, z) in enumerate(corners)]
+    cards += ["CTETRA,1,1,1,2,3,4", "PSOLID,1,1", "MAT1,1,1.,,.3", "SPC1,1,123,1,2,3"]
+    (folder / "cell.bdf").write_text("\n".join(["SPC = 1", "BEGIN BULK", *cards]))
+    return read_bdf(folder / "cell.bdf")
+
+
 def kernel() -> list[Any]:
     """Of the kernel without a frontend."""
     structure = bars.chain()
@@ -220,6 +231,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(Resultant("layer"), Measure(len, "count"), Quantile(len, 0.9), Cut("left", normal=(1, 0, 0))),
         step_assembly(tmp_path_factory.mktemp("step")),
         deck(tmp_path_factory.mktemp("deck")),
+        bulk(tmp_path_factory.mktemp("bulk")),
         chaos.errors("layer"),
         OrthotropicElastic(E=(10.0, 2.0, 1.0), nu=(0.3, 0.2, 0.1), G=(1.0, 0.7, 0.5)),
         *(result.summary, result.state, result.summary.history[0], result.table()),

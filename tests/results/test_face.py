@@ -351,3 +351,19 @@ def test_what_is_random_only_says_so() -> None:
     assert isinstance(answer, Result)
     with pytest.raises(AttributeError, match="has no 'sobol': the answer is deterministic"):
         _ = answer.sobol
+
+
+def test_a_result_with_a_held_node_is_saved(tmp_path: Path) -> None:
+    """A node is no face: it has no facets in the file."""
+    scene = Scene()
+    scene.substructure("b", geometry.box((1.0, 1.0, 1.0), (2, 2, 2)), LinearElastic(1.0, 0.3), degree=1)
+    scene.fix_point("b", (0.0, 0.0, 0.0), name="root")
+    scene.fix_point("b", (1.0, 0.0, 0.0), components=(1, 2))
+    scene.fix_point("b", (0.0, 1.0, 0.0), components=2)
+    for face, sign in (("b:z1", 1.0), ("b:z0", -1.0)):
+        scene.traction(face, (0.0, 0.0, sign))
+    result = solve(assemble(scene), active=["root"])
+    result.save(tmp_path / "a.h5")
+    again = load(tmp_path / "a.h5")
+    assert again.force("root") == pytest.approx(result.force("root"))
+    assert io.write_interfaces(result, tmp_path / "a.vtm").exists()
