@@ -60,6 +60,10 @@ def test_blocks_over_two_ranks_have_the_digits_of_one() -> None:
     assert run.stdout.count("same on rank") == 2 * 3
 
 
+def test_a_matrix_on_one_rank_and_a_mesh_on_the_other_are_as_on_one() -> None:
+    holds(2, "same matrix on rank", "mpi_matrix.py")
+
+
 def test_columns_of_two_ranks_have_the_digits_of_one_and_what_stops_one_stops_all() -> None:
     """Sweeps, samples and chaos; one set of files; a mistake that one rank sees is raised on all."""
     said = tuple(f"{what} on rank" for what in ("same columns", "stopped", "refused"))

@@ -97,6 +97,10 @@ INPUTS: dict[str, tuple[Given, Callable[..., Any]]] = {
         (np.array([9.0, 8.0, 7.0]), np.full(3, 0.1), np.full(3, 3.0), np.eye(3)),
         lambda e, nu, g, a: lf.OrthotropicElastic(E=e, nu=nu, G=g, axes=a),
     ),
+    "Matrix": (
+        (np.eye(12), array(2, 3), array(12), np.array([0, 1])),
+        lambda K, x, f, some: lf.Matrix(K, x, {"pull": f}, {"ends": some}, rotations=some),
+    ),
     "body force": ((array(2),), lambda a: blocks(force=a)),
     "traction of a scene": ((array(2),), lambda a: blocks(pull=a)),
     "displacement of a scene": ((array(2),), lambda a: blocks(held=a)),
@@ -132,7 +136,7 @@ NO_ARRAYS = (
     "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
     "export geometry io "
     "load make_plan monte_carlo progress quasi_monte_carlo read_step reference sparse_quadrature "
-    "InpDeck read_deck read_inp "
+    "BdfDeck InpDeck read_bdf read_deck read_inp read_matrix "
     "DistributionFit Report Screening report screen "
     "Evaluation Event Fit KinkWarning Posterior ProblemFunction Reliability Response reliability "
     "Measure Quantile tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
