@@ -214,7 +214,7 @@ class SubstructureSpec:
         if isinstance(part, Matrix):
             return spec._checked_matrix(where)
         if spec.material is None:
-            raise SceneError(f"{where}: no material; give one, e.g. LinearElastic(E, nu)")
+            raise SceneError(f"{where}: None is not a material; give one, e.g. LinearElastic(E, nu)")
         for attribute in ("mesh", "facet_tags", "names"):
             if not hasattr(part, attribute):
                 raise SceneError(

@@ -374,7 +374,7 @@ def test_wrong_points_are_noticed():
     [
         (lambda s, m: s.substructure("b", m, STEEL), "a material beside a Matrix"),
         (lambda s, m: s.substructure("b", m, body_force=(0, 0, 1.0)), "body_force beside a Matrix"),
-        (lambda s, m: s.substructure("b", block()), "no material"),
+        (lambda s, m: s.substructure("b", block()), "None is not a material"),
         (lambda s, m: s.load("frame", "rain"), "load of the matrix"),
         (lambda s, m: s.load("frame", lambda v: v[0]), "give the name of one of its loads"),
         (lambda s, m: s.temperature("frame", 10.0, alpha=1e-5), "a temperature on 'frame'"),
