@@ -24,6 +24,7 @@ from dolfinx_frontend.decks.words import CLASSES, DISTRIBUTIONS, METHODS, NAMED,
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.laws.base import Law
 from dolfinx_frontend.scene.materials import Material
+from dolfinx_frontend.scene.matrix import Matrix
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.values import is_random_field, is_uncertain
 
@@ -138,6 +139,8 @@ class _Writer:
             return {made.name: self.value({k: v for k, v in given.items() if v is not None}, where)}
         if callable(part):
             return {"part": self._code(part, where)}
+        if isinstance(part, Matrix):
+            raise SceneError(f"{where}: a deck has no words for a Matrix: keep the scene in Python")
         raise SceneError(
             f"{where}: its mesh was made in Python, which a deck cannot hold: write it to a file with "
             "physical groups (gmsh.write('parts.msh')) and read that, geometry.read_msh('parts.msh')"

@@ -1,5 +1,8 @@
 """Parts that are given as a matrix: the answer is that of the part which was condensed."""
 
+import shutil
+import subprocess
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
@@ -431,6 +434,22 @@ def test_two_matrices_are_joined_rigidly():
     scene.force("other:tip", (0.0, 0.0, -100.0))
     found = lf.solve(lf.assemble(scene)).displacement("other").displacements[1, 2]
     assert found == pytest.approx(-100.0 * (2 * LENGTH) ** 3 / (3 * E * I), rel=1e-9)
+
+
+@pytest.mark.skipif(shutil.which("latin_run") is None, reason="latin_run was built without HDF5")
+def test_the_kernel_alone_solves_what_is_exported(tmp_path):
+    problem = joint(reduced_base(), lf.Contact(friction=0.35))
+    problem.export(tmp_path / "run")
+    command = ["latin_run", str(tmp_path / "run"), "--displacements"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = lf.load(tmp_path / "run" / "result.h5").displacement("base").displacements
+    assert found == pytest.approx(lf.solve(problem).displacement("base").displacements, rel=1e-12)
+
+
+def test_a_deck_has_no_words_for_it(tmp_path):
+    with pytest.raises(lf.SceneError, match="a deck has no words for a Matrix"):
+        cantilever().to_deck(tmp_path / "frame.toml")
 
 
 def test_what_is_printed():
