@@ -107,15 +107,9 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
   double least = 0.0;
   double peak = 0.0;
   for (Index part = 0; part < most_parts && goes_on && course.load != 1.0; ++part) {
-    const bool softens = at_strength(column);
-    if (part == 0 || !softens) {  // a step may unload what is damaged
-      if (go_elastic(course, column, tolerance, steps)) {
-        continue;
-      }
-      if (!softens) {
-        break;
-      }
-      torn_ = false;
+    if (!at_strength(column)) {
+      goes_on = go_elastic(course, column, tolerance, steps);
+      continue;
     }
     if (energy_ == 0.0) {
       energy_ = system_.follow_first(
