@@ -12,6 +12,7 @@ from scipy import stats
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import Fit, Posterior, SceneError, calibrate, geometry
+from dolfinx_frontend.inference.calibration import _Smoothed
 from dolfinx_frontend.inference.chains import Chains
 
 Array = npt.NDArray[np.float64]
@@ -250,3 +251,32 @@ def test_germs_of_a_field_are_calibrated() -> None:
         assert found.laplace[name] == pytest.approx(np.sqrt(inverse[k, k]), rel=0.02)
     with pytest.raises(SceneError, match="is a germ of a random field"):
         found.random()
+
+
+def test_smoothed_samples_have_scores_that_are_their_inverse() -> None:
+    """Also in the normal tails beyond three deviations."""
+    rng = np.random.default_rng(5)
+    law = _Smoothed(rng.gamma(4.0, 2.0, size=2000), np.full(2000, 1.0 / 2000))
+    scores = np.linspace(-5.0, 5.0, 41)
+    assert law.scores(law.icdf(stats.norm.cdf(scores))) == pytest.approx(scores, abs=2e-3)
+
+
+def test_numbers_that_determine_each_other_are_joined_as_closely_as_a_copula_lets_them() -> None:
+    """The second falls as the first grows: correlation -1 of the samples, -0.999 of the copula."""
+    x = np.linspace(1.0, 2.0, 400)
+    found = Posterior(
+        names=("a", "b"),
+        samples=np.column_stack([x, 5.0 - x]),
+        weights=np.full(400, 1.0 / 400),
+        likeliest={},
+        laplace={},
+        effective=400.0,
+        evidence=0.0,
+        misfit=0.0,
+        directions=(),
+        runs=0,
+        gradients=0,
+        seconds=0.0,
+    )
+    first, second = found.random().values()
+    assert first.group.normal_correlation[0, 1] == -0.999 and second.group is first.group

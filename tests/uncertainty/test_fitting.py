@@ -95,6 +95,7 @@ def test_notes_and_messages() -> None:
     values = [48.0, 51.0, 55.0, 47.0, 50.0]
     refused(lambda: lf.fit_distribution("k", [*values, 49e3, 52e3]), "2 of 7", "about 1000 times", "units")
     refused(lambda: lf.fit_distribution("k", [*values, 0.05]), "1 of 6", "about 1/1000 of")
+    refused(lambda: lf.fit_distribution("d", [*values, 2.0]), "1 of 6", "about 1/25.4 of")
     refused(lambda: lf.fit_distribution("k", values, ["lognormale"]), "did you mean 'lognormal'")
     refused(lambda: lf.fit_distribution("k", [-1.0, *values], ["gamma"]), "-1", "'normal'")
     refused(lambda: lf.fit_distribution("k", values, criterion="cic"), "cic", "'bic'")
