@@ -331,18 +331,8 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
       return false;
     }
     ++steps;
-    if (count == 0 && !predicted && system_.follow_first(skeleton_->loose(step.dm, column.norm))) {
-      // an answer already: of what hangs on nothing any place is one, and this is where springs keep it that are as
-      // weak as rounding lets them be
-      const double held = skeleton_->hold(
-          std::max(last_spring, std::numeric_limits<double>::epsilon() / tolerance));
-      const bool answers =
-          skeleton_->step(tangent, column.phi, imbalance(column), step.dy, step.dm);
-      skeleton_->hold(held);
-      if (!answers) {
-        return true;
-      }
-      ++steps;
+    if (count == 0 && !predicted && !stay(column, tangent, tolerance, step, steps)) {
+      return column.norm <= tolerance * size;
     }
     step.change = skeleton_->moved(step.dy, step.dm);
     const double moves = reach(step.change - own_.cwiseProduct(step.dy));
@@ -355,6 +345,22 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     share = take(column, step, share, way.searched && !predicted);
   }
   return false;
+}
+
+/// A step in place of one that moves what hangs on nothing. Any place of that is an answer: springs keep it where it is
+/// that are as weak as rounding lets them be.
+/// @return whether there is one
+bool Newton::stay(const Column& column, const Matrix& tangent, double tolerance, Step& step,
+                  Index& steps) {
+  if (!system_.follow_first(skeleton_->loose(step.dm, column.norm))) {
+    return true;
+  }
+  const double held =
+      skeleton_->hold(std::max(last_spring, std::numeric_limits<double>::epsilon() / tolerance));
+  const bool answers = skeleton_->step(tangent, column.phi, imbalance(column), step.dy, step.dm);
+  skeleton_->hold(held);
+  ++steps;
+  return answers;
 }
 
 /// A step in place of one that moves what nothing holds too far: with springs from here, as stiff as that needs.

@@ -537,7 +537,8 @@ void Run::finish(Status status) {
   // what the bodies' factors leave is no part of the iteration, but of the error
   const double bearable = bearable_rounding * options_.rtol;
   const bool was_small = error_.largest(summary_.errors) <= bearable;
-  add_rounding_of_bodies();
+  summary_.errors =
+      stages_.with_rounding_of_bodies(summary_.errors, state_, accuracy_of_fields(), options_.rtol);
   if (!stages_.laws().linear_everywhere() && !options_.stop_on_indicator) {
     // steps that end far below the tolerance do not say how far
     summary_.errors = larger(summary_.errors, Verification::resolution(options_.rtol));
@@ -552,51 +553,6 @@ void Run::finish(Status status) {
   summary_.local_s = stages_.local_seconds();
   summary_.other_s = elapsed() - summary_.callback_s - summary_.global_s - summary_.local_s -
                      summary_.newton_s - summary_.flexibility_s - summary_.check_s;
-}
-
-/// What the factors of bodies leave, which no iteration sees: measured where it may decide and can be, else a bound.
-/// Collective.
-void Run::add_rounding_of_bodies() {
-  const auto& bodies = structure_.bodies();
-  const auto measurable = [&](std::size_t b) {
-    return bodies[b].measurable() && stages_.laws().scaled(b) == nullptr &&
-           stages_.laws().field(b) == nullptr;
-  };
-  bool measures = false;
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    auto errors = summary_.errors.col(static_cast<Index>(b));
-    const substructure::FieldColumns* field = stages_.laws().field(b);
-    if (field != nullptr && field->chaos != nullptr) {
-      errors = larger(errors, accuracy_of_fields());
-    }
-    if (measurable(b)) {
-      measures = true;
-    } else {
-      errors = larger(errors, std::min(bodies[b].rounding(), options_.rtol));
-    }
-  }
-  if (structure_.communicator().everywhere(!measures)) {
-    return;
-  }
-  const Whole whole = stages_.whole(state_);
-  const Vector strains = whole.yardstick.rounding_of_strains(whole.sizes);
-  const auto measure = [&](std::size_t b) {
-    auto errors = summary_.errors.col(static_cast<Index>(b));
-    const double expected = larger(bodies[b].rounding(), strains(static_cast<Index>(b)));
-    if (!measurable(b) || expected <= errors.maxCoeff<keep_nan>()) {
-      return;
-    }
-    const Vector found = stages_.rounding_of(b, state_, whole);
-    // a little more than the tolerance may be as well a little less
-    const bool bearable = found.maxCoeff<keep_nan>() <= bearable_rounding * options_.rtol;
-    errors = larger(errors, bearable ? Vector(found.cwiseMin(options_.rtol)) : found);
-  };
-  stages_.attempt([&] {
-    for (std::size_t b = 0; b < bodies.size(); ++b) {
-      measure(b);
-    }
-  });
-  stages_.agree();
 }
 
 double Run::elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }

@@ -248,4 +248,50 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
   };
 }
 
+/// What the factors of bodies leave, which no iteration sees: measured where it may decide and can be, else a bound.
+/// Collective.
+Matrix Stages::with_rounding_of_bodies(Matrix errors, const State& state, double accuracy_of_fields,
+                                       double rtol) {
+  const auto& bodies = structure().bodies();
+  const auto measurable = [&](std::size_t b) {
+    return bodies[b].measurable() && laws().scaled(b) == nullptr && laws().field(b) == nullptr;
+  };
+  bool measures = false;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    auto own = errors.col(static_cast<Index>(b));
+    const substructure::FieldColumns* field = laws().field(b);
+    if (field != nullptr && field->chaos != nullptr) {
+      own = larger(own, accuracy_of_fields);
+    }
+    if (measurable(b)) {
+      measures = true;
+    } else {
+      own = larger(own, std::min(bodies[b].rounding(), rtol));
+    }
+  }
+  if (structure().communicator().everywhere(!measures)) {
+    return errors;
+  }
+  const Whole relative_to = whole(state);
+  const Vector strains = relative_to.yardstick.rounding_of_strains(relative_to.sizes);
+  const auto measure = [&](std::size_t b) {
+    auto own = errors.col(static_cast<Index>(b));
+    const double expected = larger(bodies[b].rounding(), strains(static_cast<Index>(b)));
+    if (!measurable(b) || expected <= own.maxCoeff<keep_nan>()) {
+      return;
+    }
+    const Vector found = rounding_of(b, state, relative_to);
+    // a little more than the tolerance may be as well a little less
+    const bool bearable = found.maxCoeff<keep_nan>() <= bearable_rounding * rtol;
+    own = larger(own, bearable ? Vector(found.cwiseMin(rtol)) : found);
+  };
+  attempt([&] {
+    for (std::size_t b = 0; b < bodies.size(); ++b) {
+      measure(b);
+    }
+  });
+  agree();
+  return errors;
+}
+
 }  // namespace latin::iteration

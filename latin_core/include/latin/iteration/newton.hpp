@@ -154,6 +154,8 @@ class Newton {
     Vector dm;
     Vector change;
   };
+  [[nodiscard]] bool stay(const Column& column, const Matrix& tangent, double tolerance, Step& step,
+                          Index& steps);
   [[nodiscard]] double step_on_springs(const Column& column, const Matrix& tangent, double far,
                                        Step& step, Index& steps);
   /// @param share  of the step, or less

@@ -85,7 +85,6 @@ class Run {
   [[nodiscard]] std::optional<Status> wanted_end();
   void finish(Status status);
   void refuse_none();
-  void add_rounding_of_bodies();
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   const substructure::Structure& structure_;
@@ -106,7 +105,7 @@ class Run {
   bool rounding_ = false;    ///< a check found that more iterations are no use
   double next_check_ = 0.0;  ///< residual below which the next check is worth its price
   Summary summary_;
-  Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
+  Index newton_stages_ = 0;         ///< work of Newton's method, in global stages
   bool interrupted_ = false;        ///< on this rank
   bool first_round_ = false;        ///< whether the next one is the first of these:
   int rounds_left_ = 0;             ///< in which all columns may be solved for at once

@@ -100,6 +100,9 @@ class Stages {
   [[nodiscard]] Whole whole(const State& state);
   /// What rounding leaves of the displacements of a body, relative to it, (groups).
   [[nodiscard]] Vector rounding_of(std::size_t body, const State& state, const Whole& whole);
+  /// Errors (groups, bodies) with what the factors of the bodies leave. Collective. @throws as agree()
+  [[nodiscard]] Matrix with_rounding_of_bodies(Matrix errors, const State& state,
+                                               double accuracy_of_fields, double rtol);
   /// Twice the strain energy of a solution. Collective. @throws as agree()
   [[nodiscard]] double strain(const State& state);
   /// Newton's method on the same stages; what it needs is made when first asked for. It refers to this object.
