@@ -1,5 +1,5 @@
-"""Interfaces without facets: a node of a part, a sum of displacements of nodes, the mean rigid motions of one or
-two faces (RBE3), or points of a matrix."""
+"""Interfaces without facets: a node of a part, a sum of displacements of nodes, the mean rigid motions of
+one or two faces (RBE3), or points of a matrix."""
 
 from __future__ import annotations
 

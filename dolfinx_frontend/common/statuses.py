@@ -1,4 +1,4 @@
-"""How an answer ended: some of the kernel's statuses, ``latin_core.STATUSES``, by name (``docs/statuses.md``)."""
+"""How an answer ended: names of the kernel's statuses, ``latin_core.STATUSES`` (``docs/statuses.md``)."""
 
 __all__ = [
     "INEXACT",

@@ -333,8 +333,8 @@ class HistoryResult(Result):
 
 def phase_seconds(result: Result) -> dict[str, Any]:
     """Where the time went: assemble, factorise, condense (all bodies), prepare (the rest of the set-up),
-    global, local, the flexibility of Newton's method and its steps, checks, callbacks, other, finish (after the
-    iteration); of a solver that another answer has made, its set-up is counted there."""
+    global, local, the flexibility of Newton's method and its steps, checks, callbacks, other, finish (after
+    the iteration); of a solver that another answer has made, its set-up is counted there."""
     costs, summary = result.solver.costs, result.summary
     phases = {name: sum(c[f"{name}_s"] for c in costs) for name in ("assemble", "factorise", "condense")}
     phases["prepare"] = max(result.seconds["setup"] - sum(phases.values()), 0.0)

@@ -231,6 +231,8 @@ def _numbered(nodes: Sequence[Tree]) -> Tree:
 
 def _options_tree(options: Options) -> Tree:
     plain = {name: each for name, each in asdict(options).items() if name not in ("macro", "directions")}
+    if np.isinf(options.max_seconds):
+        del plain["max_seconds"]  # none is not said
     return {name: int(each) if isinstance(each, bool) else each for name, each in plain.items()}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneWarning, warn
-from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES, UNDECIDED
+from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES, STOPPED, UNDECIDED
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.sweep import PointResults
 
@@ -41,19 +41,22 @@ def check_sliding(answer: Result | PointResults, what: str = "", told: Collectio
     """
     problem, times, named = answer.problem, answer.plan.times, []
     steps = 1 if times is None else len(times)
-    known = ~np.isin(np.ravel(answer.statuses), (NO_EQUILIBRIUM, SLIDES, UNDECIDED))
+    known = ~np.isin(np.ravel(answer.statuses), (NO_EQUILIBRIUM, SLIDES, UNDECIDED, *STOPPED))
     of_points = isinstance(answer, PointResults)
+    if isinstance(answer, PointResults) and not answer.reached.any():
+        return named
     known = known.reshape((-1, 1) if of_points else (1, -1)) & np.ones((1, steps), dtype=bool)
     for name, interface in problem.own.interfaces.items():
         law = interface.law
         if not law.unilateral or interface.one_point or name in told or not problem.speaks_for(name):
             continue
         shape = (len(known), steps, interface.num_points, law.count(interface.dim))
-        jump, force = np.reshape(answer.jump(name), shape), np.reshape(answer.force(name), shape)
-        slip = np.linalg.norm(jump[..., 1:], axis=-1) * (force[..., 0] < 0.0) * known[..., None]
+        jump, force = (np.reshape(each(name), shape) for each in (answer.jump, answer.force))
+        jump = np.where(known[..., None, None], jump, 0.0)
+        slip = np.linalg.norm(jump[..., 1:], axis=-1) * (force[..., 0] < 0.0)
         limit = reach(interface)
         length = min(problem.parts[side.substructure].length for side in interface.sides)
-        far = np.linalg.norm(jump, axis=-1) * known[..., None] / length
+        far = np.linalg.norm(jump, axis=-1) / length
         slid = slip / limit
         if not max(slid.max(initial=0.0), far.max(initial=0.0)) > 1.0:
             continue
@@ -64,7 +67,7 @@ def check_sliding(answer: Result | PointResults, what: str = "", told: Collectio
         by = float(np.linalg.norm(jump[point, step, place]))
         if slid[point, step, place] >= far[point, step, place]:
             text = f"its faces slide by {slip[point, step, place]:.3g}{when} at ({where}), further than "
-            text += f"{limit[place]:.3g}, a facet or {OF_FACE:.0%} of the face: pressures stay where these were"
+            text += f"{limit[place]:.3g}, a facet or {OF_FACE:.0%} of the face: pressures stay where it was"
         else:
             text = f"its faces move by {by:.3g}{when} at ({where}) from each other, further than a part is "
             text += "large: contacts and rotations are those of small motions"

@@ -143,6 +143,7 @@ HIGH_Z1, 1, 1, .05
     assert shear[2] == pytest.approx(0.2 * 2000.0, rel=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_a_stick_slope_is_an_elastic_slip(tmp_path: Path) -> None:
     """Pressed by p = 20 and moved by u: the slope k holds k u where the blocks are stiff beside it."""
     deck = plate(tmp_path, """\

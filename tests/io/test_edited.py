@@ -212,6 +212,7 @@ THINNED = {deterministic: 3, program: 3}
         *(pytest.param(each, 1, marks=pytest.mark.night(guard="every sixth edit")) for each in WRITERS),
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_what_is_missing_or_malformed_is_said(
     write: Callable[[Path], None], thinned: int, tmp_path: Path
 ) -> None:
@@ -288,6 +289,7 @@ def test_places_are_named(place: str, new: Any, said: str, tmp_path: Path) -> No
         (history, "substructures/left/displacement", 1),
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_numbers_that_are_none(write: Callable[[Path], None], place: str, at: int, tmp_path: Path) -> None:
     path = tmp_path / "edited.h5"
     write(path)
@@ -305,6 +307,7 @@ def test_numbers_that_are_none(write: Callable[[Path], None], place: str, at: in
 
 
 @pytest.mark.parametrize(("write", "at"), [(samples, (1,)), (grid, (0, 2))])
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_a_point_of_a_file_is_read_as_the_whole(
     write: Callable[[Path], None], at: tuple[int, ...], tmp_path: Path
 ) -> None:

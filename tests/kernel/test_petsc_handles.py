@@ -318,6 +318,8 @@ def test_stub_describes_the_extension():
                 names[node.name] = None
             elif isinstance(node, ast.ClassDef) and node.name not in typing_only:
                 names[node.name] = described(node.body)
+            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.value is None:
+                names[node.target.id] = None
         return names
 
     def compare(stub: dict[str, Any], real: Any, where: str) -> None:

@@ -121,6 +121,7 @@ def test_runs_that_are_cut_short(history, tmp_path, caplog):
     assert saved.error == pytest.approx(result.error, nan_ok=True)
 
 
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_points_that_are_cut_short():
     result = sweep(block(), {"ground.friction": [0.1, 0.2]}, options=SHORT, progress=False)
     assert list(result.statuses) == ["max_iterations"] * 2 and result.places.shape == (2,)

@@ -99,6 +99,7 @@ def test_a_turning_bracket_slips_and_does_not_open():
     assert "'seat' slips" in str(raised.value) and "opens" not in str(raised.value)
 
 
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_a_run_without_an_answer_says_what_floats(caplog):
     """With too few iterations to reach the stop: which part has moved, and how."""
     caplog.set_level(logging.WARNING)

@@ -391,6 +391,7 @@ def pressed_and_slid(n: int, body: float = 0.0) -> Problem:
     return assemble(scene)
 
 
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_error_of_a_sliding_force_is_that_of_its_pressure() -> None:
     """Where everything slides a force is mu times the pressure, and so is its error."""
     result = solve(pressed_and_slid(2), options=TIGHT)
@@ -406,6 +407,7 @@ def test_error_of_a_sliding_force_is_that_of_its_pressure() -> None:
 
 
 @pytest.mark.parametrize("quantity", [Resultant("joint", component=1), Resultant("joint", "jump", 1)])
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_dual_of_friction_is_the_derivative(quantity: Resultant) -> None:
     """The work of a small load on the dual solution is what it changes of the quantity."""
     step = 1e-3

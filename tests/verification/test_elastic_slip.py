@@ -97,6 +97,7 @@ def test_a_path_that_turns() -> None:
     assert np.allclose(result.dissipation("ground"), AREA * heat, atol=1e-7 * AREA * heat[-1])
 
 
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_a_pressure_that_falls_and_opens() -> None:
     """The bound follows the pressure; what opens forgets its elastic slip and begins anew where it closes."""
     press = lf.Amplitude([0, 1, 2, 3, 3.5, 4, 5], [1, 1, 0.3, 1, -1, 1, 1])

@@ -444,6 +444,7 @@ def test_torsion_of_bars_in_series() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:interface 'clutch'. the areas")
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_the_torque_of_a_clutch() -> None:
     coarse, fine = clutch(0.5), clutch(0.25)
     assert fine[0] < 0.02 and fine[1] < 0.01

@@ -85,6 +85,7 @@ LAWS = {
 
 @pytest.mark.parametrize("divisions", DIVISIONS.values(), ids=DIVISIONS)
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.filterwarnings("ignore:.*its faces (slide|move) by")
 def test_names_order_and_axes(
     law: lf.Elastic, divisions: tuple[tuple[int, int, int], ...]
 ) -> None:

@@ -193,7 +193,8 @@ class Model:
         if kind != "represented":
             self.note(kind, card, why)
             return False
-        unknown = set(card.parameters) - set(REPRESENTED[card.keyword].split())
+        told = {name for name in card.parameters if not name.startswith("_")}  # those are of other readers
+        unknown = told - set(REPRESENTED[card.keyword].split())
         for name in sorted(unknown):
             self.note("refused" if card.keyword in ACTING else "ignored", card, f"the parameter {name[:40]}")
         name = card.get("TYPE") or ""
