@@ -3,12 +3,12 @@
     ./run bench joints --count 2000 --jobs 2          a night
     ./run bench joints --first 17 --count 1 --show    one of them
 
-Stacks with soft sheets, plates under bolts, blocks in a corner, frames of three blocks, press fits, pins in holes
-with clearance; friction up to 1.5, gaps, loads that turn and go to zero, moduli up to 1e6 apart, units from
-micrometres to metres. Each answer is judged from the forces and jumps at its points alone, by a program that
-knows the scene as it was drawn and nothing of the kernel: law, cone and gap at every point and step, balance of
-every part that no support holds; where there is none, a linear programme over all forces within the cones says
-so, too.
+Stacks with soft sheets, plates under bolts, blocks in a corner, frames of three blocks, press fits, pins in
+holes with clearance; friction up to 1.5, gaps, loads that turn and go to zero, moduli up to 1e6 apart,
+units from micrometres to metres. Each answer is judged from the forces and jumps at its points alone, by a
+program that knows the scene as it was drawn and nothing of the kernel: law, cone and gap at every point and
+step, balance of every part that no support holds; where there is none, a linear programme over all forces
+within the cones says so.
 """
 
 from __future__ import annotations

@@ -482,6 +482,8 @@ def _centres(scene: Scene, substructures: Mapping[str, Substructure], comm: Any)
 
 def _add(sums: dict[int, Array], kind: int, part: Substructure, face: str, remote: Remote | None) -> None:
     """Add area times place, and area, of a face; nodes count as faces as large as the part."""
+    x: Array
+    area: Array
     if remote is not None and remote.nodes:
         x = np.array(remote.nodes)
         area = np.full(len(x), part.length ** (part.dim - 1))

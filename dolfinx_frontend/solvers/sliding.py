@@ -39,7 +39,8 @@ def check_sliding(answer: Result | PointResults, what: str = "", told: Collectio
     SceneWarning
         Contact is between points that were opposite each other in the beginning, and rotations are small.
     """
-    problem, times, named = answer.problem, answer.plan.times, []
+    problem, times = answer.problem, answer.plan.times
+    named: list[str] = []
     steps = 1 if times is None else len(times)
     known = ~np.isin(np.ravel(answer.statuses), (NO_EQUILIBRIUM, SLIDES, UNDECIDED, *STOPPED))
     of_points = isinstance(answer, PointResults)
@@ -51,9 +52,9 @@ def check_sliding(answer: Result | PointResults, what: str = "", told: Collectio
         if not law.unilateral or interface.one_point or name in told or not problem.speaks_for(name):
             continue
         shape = (len(known), steps, interface.num_points, law.count(interface.dim))
-        jump, force = (np.reshape(each(name), shape) for each in (answer.jump, answer.force))
-        jump = np.where(known[..., None, None], jump, 0.0)
-        slip = np.linalg.norm(jump[..., 1:], axis=-1) * (force[..., 0] < 0.0)
+        jump = np.where(known[..., None, None], np.reshape(answer.jump(name), shape), 0.0)
+        presses = np.reshape(answer.force(name), shape)[..., 0] < 0.0
+        slip = np.linalg.norm(jump[..., 1:], axis=-1) * presses
         limit = reach(interface)
         length = min(problem.parts[side.substructure].length for side in interface.sides)
         far = np.linalg.norm(jump, axis=-1) / length
