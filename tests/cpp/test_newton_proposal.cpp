@@ -31,7 +31,7 @@ struct Solved {
         ++calls;
         state.data.leftCols(columns).setConstant(answer);
         state.traces.leftCols(columns).setConstant(-answer);
-        return NewtonOutcome{columns, 2.5, 7, 0.0, std::nullopt, Vector()};
+        return NewtonOutcome{columns, 2.5, 7, 0.0, std::nullopt, Vector(), false};
       },
       [](const State& state, Matrix& residual) { residual = 1.0 - state.data.array(); }};
 
@@ -169,7 +169,7 @@ TEST(NewtonProposal, ABodyThatFliesOffIsNotFollowed) {
       Metric(Vector::Ones(3)),
       [](State& state, Index) {
         state.data.setConstant(1e9);
-        return NewtonOutcome{2, 1.0, 1, 0.0, std::nullopt, Vector()};
+        return NewtonOutcome{2, 1.0, 1, 0.0, std::nullopt, Vector(), false};
       },
       [](const State& /*state*/, Matrix& residual) { residual.setZero(); });
   run.propose();

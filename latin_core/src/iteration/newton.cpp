@@ -161,6 +161,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   NewtonOutcome outcome;
   const Index columns = std::min(most, state.data.cols());
   lost_.reset();
+  hangs_on_nothing_ = false;
   asked_ = -1;
   stopped_ = false;
   scale_ = size_of_forces(state.data, state.traces);
@@ -188,6 +189,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
     outcome.falls(index) = fall_;
     ++outcome.solved;
   }
+  outcome.hangs_on_nothing = hangs_on_nothing_;
   outcome.stages = (stages + static_cast<double>(outcome.steps)) / static_cast<double>(columns);
   return outcome;
 }
@@ -355,6 +357,7 @@ bool Newton::stay(const Column& column, const Matrix& tangent, double tolerance,
   if (!system_.follow_first(skeleton_->loose(step.dm, column.norm))) {
     return true;
   }
+  hangs_on_nothing_ = true;
   const double held =
       skeleton_->hold(std::max(last_spring, std::numeric_limits<double>::epsilon() / tolerance));
   const bool answers = skeleton_->step(tangent, column.phi, imbalance(column), step.dy, step.dm);

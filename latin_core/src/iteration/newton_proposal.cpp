@@ -66,6 +66,7 @@ NewtonOutcome NewtonProposal::propose(Iterate from, Index most) {
   made_ = true;
   columns_ = outcome.solved;
   lost_ = outcome.lost;
+  hangs_on_nothing_ = outcome.hangs_on_nothing;
   step_.data = proposal.data - from.state.data;
   step_.traces = proposal.traces - from.state.traces;
   residual_.resize(step_.data.rows(), step_.data.cols());

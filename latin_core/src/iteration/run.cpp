@@ -334,7 +334,7 @@ Measured Run::verify(Measured measured, bool believed) {
   next_check_ = fall_between_checks * measured.residual;
   if (!found) {
     verification_->forget_rounding();  // it was that of a state far from an answer
-    if (believed && newton_.whole() && verification_->at_rounding()) {
+    if (believed && newton_.whole() && newton_.hangs_on_nothing() && verification_->at_rounding()) {
       return measured;  // what Newton's step says of all that is held
     }
     // tangents of bodies whose stiffness varies are those of the means, and may lead nowhere

@@ -241,7 +241,8 @@ NewtonProposal::Solver Stages::newton(double tolerance, std::function<bool(Index
                  outcome.steps + further.steps,
                  0.0,
                  further.lost,
-                 further.falls};
+                 further.falls,
+                 further.hangs_on_nothing};
     }
     outcome.flexibility_s = seconds;
     return outcome;

@@ -188,10 +188,11 @@ class Newton {
   std::function<bool(Index)> goes_on_;
   bool stopped_ = false;  ///< by that
   Balanced balanced_;
-  Index asked_ = -1;            ///< column that this was asked of
-  std::optional<Status> lost_;  ///< why the column has no equilibrium
-  double far_ = 0.0;            ///< reach of a step
-  double lengths_ = 0.0;        ///< reach of the gaps and of what else the laws impose on the jumps
+  Index asked_ = -1;               ///< column that this was asked of
+  std::optional<Status> lost_;     ///< why the column has no equilibrium
+  bool hangs_on_nothing_ = false;  ///< whether something of a column does
+  double far_ = 0.0;               ///< reach of a step
+  double lengths_ = 0.0;  ///< reach of the gaps and of what else the laws impose on the jumps
 };
 
 }  // namespace latin::iteration

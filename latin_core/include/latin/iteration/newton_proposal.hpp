@@ -20,6 +20,8 @@ struct NewtonOutcome {
   std::optional<Status> lost;
   /// By what share of itself the load of each column has to fall on the way of its bonds; empty: it was not solved.
   Vector falls;
+  /// Whether something of an answer hangs on nothing: any place of that is one.
+  bool hangs_on_nothing = false;
 };
 
 /// When Newton's method is tried, what it proposes, and whether the run follows.
@@ -70,6 +72,9 @@ class NewtonProposal {
   /// Why the next one has no equilibrium, if it says so.
   [[nodiscard]] std::optional<Status> lost() const { return made_ ? lost_ : std::nullopt; }
 
+  /// Whether something of what it solves hangs on nothing.
+  [[nodiscard]] bool hangs_on_nothing() const { return made_ && hangs_on_nothing_; }
+
   /// The proposed change of data and traces.
   [[nodiscard]] const State& step() const { return step_; }
   /// |r| of the proposal.
@@ -95,6 +100,7 @@ class NewtonProposal {
   bool made_ = false;
   bool tried_ = false;
   std::optional<Status> lost_;
+  bool hangs_on_nothing_ = false;
   Index columns_ = 0;         ///< that the proposal has solved
   Index solved_ = 0;          ///< that the last one followed had solved
   Index wait_ = 0;            ///< iterations until the next proposal
