@@ -42,9 +42,11 @@ LONG_S = 60.0
 """A scene that takes longer is undecided."""
 TOLERANCE = 1e-4
 """Of law, cone, gap and balance, relative to the forces and jumps of the scene; solved to 1e-8."""
+MORE = 1.05
+"""Pressures of a step without equilibrium over those of the step before, where bolts or walls make them."""
 NOTHING = 1e-3
 """Of the displacements: jumps below have no digits left for the tolerance."""
-FACETS = 16
+FACETS = 64
 """Of a cone in the linear programme, drawn around it: what these exclude the cone excludes."""
 
 
@@ -466,7 +468,7 @@ def proven(
 ) -> bool:
     """Whether at one of the steps no forces within the cones balance the loads: a linear programme.
 
-    With `bounds` pressures are at most a quarter more than these, which were reached.
+    With `bounds` pressures are at most a little more than these, which were reached at the step before.
     """
     if joint.bolts and bounds is None:
         return False
@@ -482,7 +484,7 @@ def proven(
         around = [(1.0,), (-1.0,)] if dim == 2 else np.column_stack([np.cos(angles), np.sin(angles)])
         wider = 1.0 if dim == 2 else 1.0 / np.cos(np.pi / FACETS)
         for k in range(interface.num_points):
-            most = np.inf if bounds is None else 1.25 * bounds[name][k] * interface.weights[k]
+            most = np.inf if bounds is None else MORE * bounds[name][k] * interface.weights[k]
             for direction in around:
                 local = np.array([-1.0, *(mu * wider * np.asarray(direction))])
                 wrench = _wrench(local @ interface.frames[k], at[k])
