@@ -514,7 +514,7 @@ class Sweep {
     return summary;
   }
 
-  /// Of its time, a little at least: what takes no time is done. @throws Interrupted where it is over. Collective.
+  /// Seconds that are left. @throws Interrupted on all ranks where none are. Collective.
   [[nodiscard]] double seconds_left() {
     if (options_.max_seconds == std::numeric_limits<double>::infinity()) {
       return options_.max_seconds;
