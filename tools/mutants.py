@@ -16,9 +16,11 @@ that include its folder.
     broken      it does not compile
     unjudged    the tests fail without a fault, too
 
-The share killed / (killed + survived) must not fall below the `share` in ``tools/mutants.toml``, which
-``--keep`` writes. Results are kept by seed and state of sources and tests: a run that was stopped is gone on
-with.
+The floor is a record of such a run, ``tools/mutants.json``, which ``--keep`` writes: its faults are made again
+wherever the lines that they change still stand, others are drawn in the place of those that are gone, and a
+fault that was killed must not survive. (Shares of two draws differ by chance, 60 mutants by 6 % of deviation;
+the 95 % interval is printed.) Results are kept by seed and state of sources and tests: a run that was stopped
+is gone on with.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from time import monotonic
@@ -43,11 +45,11 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from mutation import Site, applied, drawn  # noqa: E402
+from mutation import Mark, Site, applied, drawn  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / "build" / "mutants"
-FLOOR = ROOT / "tools" / "mutants.toml"
+EXCUSED, FLOOR = ROOT / "tools" / "mutants.toml", ROOT / "tools" / "mutants.json"
 KERNEL = tuple(
     f"latin_core/src/{name}"
     for name in ("iteration", "substructure", "interface", "algebra", "stochastic", "mortar")
@@ -229,30 +231,38 @@ def difference(site: Site) -> str:
     return "\n".join(difflib.unified_diff(before, after, site.path, site.operator, n=1, lineterm=""))
 
 
-def line_of(site: Site) -> str:
-    """The line that a mutant changes, as it becomes."""
-    text = applied(site, (ROOT / site.path).read_text(encoding="utf-8"))
-    return text.splitlines()[text.count("\n", 0, site.begin)].strip()
+def excuses() -> dict[tuple[str, str], str]:
+    """Reasons of ``[[equivalent]]`` (``path``, ``becomes``: the changed line, ``reason``)."""
+    known = tomllib.loads(EXCUSED.read_text(encoding="utf-8")) if EXCUSED.exists() else {}
+    return {(each["path"], each["becomes"]): each["reason"] for each in known.get("equivalent", [])}
 
 
-def known() -> dict[str, Any]:
-    """``share`` and ``[[equivalent]]`` (``path``, ``becomes``: the changed line, ``reason``)."""
-    return tomllib.loads(FLOOR.read_text(encoding="utf-8")) if FLOOR.exists() else {}
+def floor() -> dict[Mark, str]:
+    """Statuses of the mutants of the record."""
+    known = json.loads(FLOOR.read_text(encoding="utf-8")) if FLOOR.exists() else []
+    return {tuple(each["mark"]): each["status"] for each in known}
 
 
-def share_of(statuses: Sequence[str]) -> float | None:
-    """Killed over killed and survived; None: neither."""
+def share_of(statuses: Sequence[str]) -> tuple[float, float, float] | None:
+    """Killed over killed and survived, and its 95 % interval (Wilson); None: neither."""
     count = Counter(statuses)
     judged = count["killed"] + count["survived"]
-    return count["killed"] / judged if judged else None
+    if not judged:
+        return None
+    share, normal = count["killed"] / judged, 1.96**2 / judged
+    middle, half = share + normal / 2.0, (normal * (share * (1.0 - share) + normal / 4.0)) ** 0.5
+    return share, (middle - half) / (1.0 + normal), (middle + half) / (1.0 + normal)
 
 
-def keep(share: float) -> None:
-    """Write the floor; what readers said of equivalent mutants stays."""
-    text = FLOOR.read_text(encoding="utf-8") if FLOOR.exists() else ""
-    line = f"share = {share:.3f}"
-    text, replaced = re.subn(r"^share = .*$", line, text, flags=re.MULTILINE)
-    FLOOR.write_text(text if replaced else f"{line}\n{text}", encoding="utf-8")
+def lost(before: Mapping[Mark, str], now: Mapping[Mark, str]) -> list[Mark]:
+    """Faults that the tests saw and see no more."""
+    return [mark for mark, status in now.items() if status == "survived" and before.get(mark) == "killed"]
+
+
+def keep(records: Sequence[dict[str, Any]]) -> None:
+    """Write the floor."""
+    rows = [json.dumps({name: each[name] for name in ("mark", "status", "by")}) for each in records]
+    FLOOR.write_text("[\n" + ",\n".join(rows) + "\n]\n", encoding="utf-8")
 
 
 def main() -> None:
@@ -265,7 +275,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=NAMES, metavar="NAME", help="sub-packages of the draw")
     parser.add_argument("--first", type=int, help="so many of these only")
     parser.add_argument("--json", type=Path, help="file to write the record to")
-    parser.add_argument("--keep", action="store_true", help="the share of this run is the floor from now on")
+    parser.add_argument("--keep", action="store_true", help="this run is the floor from now on")
     parser.add_argument("--list", action="store_true", help="print the mutants, and end")
     given = parser.parse_args()
     texts = {
@@ -273,12 +283,13 @@ def main() -> None:
         for folder in dict.fromkeys(FOLDERS)
         for each in sorted((ROOT / folder).glob("*.cpp" if folder in KERNEL else "*.py"))
     }
-    chosen = drawn(texts, FOLDERS, given.count, given.seed)
+    before = floor()
+    chosen = drawn(texts, FOLDERS, given.count, given.seed, list(before) if given.seed == SEED else ())
     if given.only:
-        chosen = [each for each in chosen if Path(each.path).parent.name in given.only]
-    chosen = chosen[: given.first]
+        chosen = {mark: each for mark, each in chosen.items() if Path(each.path).parent.name in given.only}
+    chosen = dict(list(chosen.items())[: given.first])
     if given.list:
-        print("\n".join(map(difference, chosen)))
+        print("\n".join(map(difference, chosen.values())))
         return
     # what it started ends with it, and the fault is taken out
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("mutants: ended from outside"))
@@ -287,43 +298,43 @@ def main() -> None:
     state = copied(scratch)
     store = WORK / f"{given.seed}-{state}.json"
     done: dict[str, Any] = json.loads(store.read_text()) if store.exists() else {}
-    excused = {(each["path"], each["becomes"]): each["reason"] for each in known().get("equivalent", [])}
+    excused = excuses()
     bench = Bench(scratch)
     unjudged = {"status": "unjudged"}  # they get another try: the machine may have been too busy
-    waiting = [each for each in chosen if done.get(repr(each), unjudged)["status"] == "unjudged"]
+    waiting = [mark for mark, each in chosen.items() if done.get(repr(each), unjudged)["status"] == "unjudged"]
     if waiting:
         print(f"building a copy in {scratch} ...", file=sys.stderr, flush=True)
-        bench.built({"python" if each.path.endswith(".py") else "cpp" for each in waiting})
-    for site in waiting:
+        bench.built({"python" if path.endswith(".py") else "cpp" for path, *_ in waiting})
+    for mark in waiting:
         if monotonic() - began > given.seconds:
             break
-        start = monotonic()
+        start, site = monotonic(), chosen[mark]
         status, by = bench.judged(site)
         done[repr(site)] = asdict(site) | {"status": status, "by": by, "seconds": monotonic() - start}
         store.write_text(json.dumps(done, indent=1))
-        print(f"{status:11}{monotonic() - start:6.0f} s  {site.path}: {line_of(site)}  [{by}]", flush=True)
+        print(f"{status:11}{monotonic() - start:6.0f} s  {site.path}: {mark[3]}  [{by}]", flush=True)
     records = []
-    for site in (each for each in chosen if repr(each) in done):
-        record = done[repr(site)] | {"becomes": line_of(site)}
-        if record["status"] == "survived" and (reason := excused.get((site.path, record["becomes"]))):
+    for mark, site in ((mark, each) for mark, each in chosen.items() if repr(each) in done):
+        record = done[repr(site)] | {"mark": mark}
+        if record["status"] == "survived" and (reason := excused.get((site.path, mark[3]))):
             record |= {"status": "equivalent", "by": reason}
         records.append(record)
         if record["status"] == "survived":
             print(f"\n{difference(site)}")
-    share, floor = share_of([each["status"] for each in records]), known().get("share")
-    count = Counter(each["status"] for each in records)
+    share, count = share_of([each["status"] for each in records]), Counter(each["status"] for each in records)
     said = ", ".join(f"{number} {status}" for status, number in sorted(count.items()))
-    whole = len(records) == given.count
-    said += "" if share is None else f"; killed: {share:.1%}"
-    print(f"\n{len(records)} of {given.count} mutants: {said}")
+    if share is not None:
+        said += f"; killed: {share[0]:.1%} (95 % between {share[1]:.1%} and {share[2]:.1%})"
+    again = {each["mark"]: each["status"] for each in records if each["mark"] in before}
+    print(f"\n{len(records)} of {given.count} mutants, {len(again)} of them of the record: {said}")
     if given.json:
         record = {"seed": given.seed, "state": state, "share": share, "mutants": records}
         given.json.write_text(json.dumps(record, indent=1))
-    if whole and share is not None:
-        if given.keep:
-            keep(share)
-        elif floor is not None and share < floor:
-            sys.exit(f"mutants: {share:.1%} killed, {floor:.1%} before (tools/mutants.toml)")
+    if given.keep and len(records) == given.count:
+        keep(records)
+    elif gone := lost(before, again):
+        rows = "\n".join(f"  {mark[0]}: {mark[3]}" for mark in gone)
+        sys.exit(f"mutants: killed before, survive now (tools/mutants.json):\n{rows}")
 
 
 if __name__ == "__main__":

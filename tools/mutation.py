@@ -1,6 +1,7 @@
 """Small faults drawn from source: where an operator applies in Python (by its tree) and in C++ (by tokens).
 
-``sites(path, text)`` lists them; ``drawn`` takes some with a seed; ``applied`` makes the text of a mutant.
+``sites(path, text)`` lists them; ``drawn`` takes some with a seed; ``applied`` makes the text of a mutant;
+``marks`` names them by the lines that they change, so that a fault is found again in a later state.
 Left alone is what decides nothing: annotations, assertions, the text of exceptions, headers of C++ loops
 (they only count), template brackets, preprocessor lines.
 """
@@ -295,26 +296,59 @@ def cpp_sites(text: str) -> list[Place]:
 # --- drawing ---------------------------------------------------------------------------------------
 
 
-def drawn(texts: Mapping[str, str], folders: Sequence[str], count: int, seed: int) -> list[Site]:
+def line_of(site: Site, text: str) -> str:
+    """The line of a text at which a mutant begins."""
+    begin = text.rfind("\n", 0, site.begin) + 1
+    return text[begin:].split("\n", 1)[0].strip()
+
+
+Mark = tuple[str, str, str, str, int]
+"""Path, operator, the line before and after the fault, and which of the places that are equal in these."""
+
+
+def marks(path: str, text: str) -> dict[Mark, Site]:
+    """All sites of a file by their marks."""
+    found: dict[Mark, Site] = {}
+    for site in sites(path, text):
+        lines = (line_of(site, text), line_of(site, applied(site, text)))
+        which = 0
+        while (path, site.operator, *lines, which) in found:
+            which += 1
+        found[(path, site.operator, *lines, which)] = site
+    return found
+
+
+def drawn(
+    texts: Mapping[str, str], folders: Sequence[str], count: int, seed: int, kept: Sequence[Mark] = ()
+) -> dict[Mark, Site]:
     """Sites without repetition: folders take turns, each draws an operator that applies in it, then a place.
 
-    An operator is drawn first, for there are ten times more signs than tolerances. Fewer than `count` come
-    only where there are no more sites.
+    Marks that are `kept` and still stand in the source take the turns of their folders first. An operator is
+    drawn before a place, for there are ten times more signs than tolerances. Fewer than `count` come only
+    where there are no more sites.
     """
     rng = random.Random(seed)
-    left: dict[str, dict[str, list[Site]]] = {folder: {} for folder in folders}
-    for path in sorted(texts):
-        folder = str(Path(path).parent)
-        for site in sites(path, texts[path]):
-            left[folder].setdefault(site.operator, []).append(site)
-    found: list[Site] = []
-    while len(found) < count and any(left.values()):
+    everything = {mark: site for path in sorted(texts) for mark, site in marks(path, texts[path]).items()}
+    again: dict[str, list[Mark]] = {folder: [] for folder in folders}
+    left: dict[str, dict[str, list[Mark]]] = {folder: {} for folder in folders}
+    for mark in kept:
+        if mark in everything:
+            again[str(Path(mark[0]).parent)].append(mark)
+    for mark in everything:
+        if mark not in kept:
+            left[str(Path(mark[0]).parent)].setdefault(mark[1], []).append(mark)
+    found: dict[Mark, Site] = {}
+    while len(found) < count and (any(again.values()) or any(left.values())):
         for folder in folders:
-            if len(found) == count or not left[folder]:
+            if len(found) == count or not again[folder] and not left[folder]:
                 continue
-            operator = rng.choice(sorted(left[folder]))
-            places = left[folder][operator]
-            found.append(places.pop(rng.randrange(len(places))))
-            if not places:
-                del left[folder][operator]
+            if again[folder]:
+                mark = again[folder].pop(0)
+            else:
+                operator = rng.choice(sorted(left[folder]))
+                places = left[folder][operator]
+                mark = places.pop(rng.randrange(len(places)))
+                if not places:
+                    del left[folder][operator]
+            found[mark] = everything[mark]
     return found

@@ -104,11 +104,28 @@ def test_nothing_decides_in_comments_and_texts(path: str) -> None:
 def test_the_draw_is_repeatable_and_even() -> None:
     texts = {"k/a.cpp": CPP, "s/a.py": PYTHON}
     first, again = (mutation.drawn(texts, ["k", "s"], 10, seed=5) for _ in range(2))
-    assert first == again and len(set(first)) == 10
-    assert [each.path for each in first] == ["k/a.cpp", "s/a.py"] * 5
+    assert first == again and len(set(first.values())) == 10
+    assert [each.path for each in first.values()] == ["k/a.cpp", "s/a.py"] * 5
     assert first != mutation.drawn(texts, ["k", "s"], 10, seed=6)
     everything = mutation.drawn(texts, ["k", "s"], 1000, seed=5)
     assert len(everything) == sum(len(mutation.sites(*each)) for each in texts.items())
+
+
+def test_a_fault_is_found_again_where_its_line_stands() -> None:
+    before = mutation.drawn({"k/a.cpp": CPP, "s/a.py": PYTHON}, ["k", "s"], 14, seed=5)
+    moved = {"k/a.cpp": "int more = 0;\n" + CPP, "s/a.py": PYTHON.replace("if not a <= LIMIT", "if a <= LIMIT")}
+    after = mutation.drawn(moved, ["k", "s"], 14, seed=5, kept=list(before))
+    gone = {mark for mark in before if "if not a <= LIMIT" in mark[2]}
+    assert gone and gone.isdisjoint(after)
+    assert set(before) - gone <= set(after) and len(after) == 14
+    for mark, site in after.items():
+        assert mutation.line_of(site, moved[mark[0]]) == mark[2]
+        assert mutation.line_of(site, mutation.applied(site, moved[mark[0]])) == mark[3]
+
+
+def test_equal_lines_have_marks_of_their_own() -> None:
+    text = "def f(a, b):\n    a += 1\n    a += 1\n"
+    assert [mark[-1] for mark in mutation.marks("a.py", text)] == [0, 1]
 
 
 def test_every_folder_has_sites_and_tests_of_its_own() -> None:
@@ -122,8 +139,16 @@ def test_every_folder_has_sites_and_tests_of_its_own() -> None:
 
 def test_the_share_leaves_out_what_says_nothing() -> None:
     says_nothing = ["equivalent", "broken", "unjudged"]
-    assert mutants.share_of(["killed", "killed", "killed", "survived", *says_nothing]) == 0.75
+    share, low, high = mutants.share_of(["killed", "killed", "killed", "survived", *says_nothing])
+    assert (share, low, high) == pytest.approx((0.75, 0.3006, 0.9544), abs=1e-4)  # Wilson's for 3 of 4
     assert mutants.share_of(["broken"]) is None
+
+
+def test_what_was_killed_must_not_survive() -> None:
+    a, b, c = (("a.py", "sign", f"a + {k}", f"a - {k}", 0) for k in range(3))
+    before = {a: "killed", b: "survived", c: "killed"}
+    assert mutants.lost(before, {a: "killed", b: "survived"}) == []
+    assert mutants.lost(before, {a: "survived", b: "killed", c: "broken"}) == [a]
 
 
 def test_the_first_failure_is_named() -> None:
