@@ -25,8 +25,7 @@ constexpr int most_refined = 2;
 /// A residual that comes back to these digits so often goes in circles.
 constexpr double digits = 1e3;
 constexpr int most_returns = 3;
-/// A step moves what hangs on nothing no further than so many times what the jumps, the gaps and the loads are large: it
-/// may touch something on the way.
+/// What is further away than so many times what the jumps, the gaps and the loads are large has met all that it could.
 constexpr double farthest = 10.0;
 /// Forces that differ by less, relative to those of the history, are those of one answer.
 constexpr double same_answer = 1e-6;
@@ -112,6 +111,11 @@ double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
                 .cwiseQuotient(system_.direct()));
     }
   }
+  if (size == 0.0) {  // nothing yet: the loads
+    for (Index index = 0; index < data.cols(); ++index) {
+      size = std::max(size, skeleton_->size_of_imbalance(loads_of(index)));
+    }
+  }
   return size;
 }
 
@@ -166,7 +170,7 @@ NewtonOutcome Newton::solve_all(State& state, double tolerance, Index most) {
   stopped_ = false;
   scale_ = size_of_forces(state.data, state.traces);
   memory_ = system_.blank();
-  far_ = farthest * std::max(lengths_, reach_of_loads(state));
+  far_ = std::max(lengths_, reach_of_loads(state));
   double stages = 0.0;
   outcome.falls = Vector::Zero(state.data.cols());
   for (Index index = 0; index < columns; ++index) {
@@ -293,7 +297,8 @@ void Newton::apply(State& state, Index index) {
 
 /// Newton's steps from here, until they arrive or go in circles.
 bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
-  const double far = std::max(far_, farthest * reach(last_.jump));
+  // a step moves what hangs on nothing no further: it may touch something on the way
+  const double far = std::max(far_, reach(last_.jump));
   const Index most = way.searched ? most_searched : most_steps;
   const auto& layout = system_.layout();
   skeleton_->exactly(way.searched);
@@ -422,7 +427,7 @@ bool Newton::soften(Column& column, double tolerance, Index& steps) {
 
 /// Whether it is further away than all that it could meet.
 bool Newton::gone(const Column& column) const {
-  return system_.follow_first(reach(column.jump) > std::max(far_, farthest * reach(last_.jump)));
+  return system_.follow_first(reach(column.jump) > farthest * std::max(far_, reach(last_.jump)));
 }
 
 /// Whether nothing can balance the loads of a column.
@@ -495,6 +500,9 @@ bool Newton::settle(Column& column, double ratio, double tolerance, Index& steps
   }
   for (Column& start : starts) {
     evaluate(start);
+  }
+  std::ranges::stable_sort(starts, {}, &Column::norm);
+  for (Column& start : starts) {
     for (const bool searched : {false, true}) {
       Column trial = start;
       if (attempt(trial, tolerance, {nullptr, searched}, steps)) {

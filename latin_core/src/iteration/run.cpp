@@ -332,10 +332,13 @@ Measured Run::verify(Measured measured, bool believed) {
     return verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
   });
   next_check_ = fall_between_checks * measured.residual;
+  // a check moves what hangs on nothing anywhere; what Newton's step says of all that is held counts
+  const bool rests =
+      believed && newton_.whole() && newton_.hangs_on_nothing() && verification_->at_rounding();
   if (!found) {
     verification_->forget_rounding();  // it was that of a state far from an answer
-    if (believed && newton_.whole() && newton_.hangs_on_nothing() && verification_->at_rounding()) {
-      return measured;  // what Newton's step says of all that is held
+    if (rests) {
+      return measured;
     }
     // tangents of bodies whose stiffness varies are those of the means, and may lead nowhere
     if (believed && (goes_on || !stages_.laws().scales_anywhere())) {
@@ -350,6 +353,9 @@ Measured Run::verify(Measured measured, bool believed) {
     // good enough: where points outnumber nodes the better one may have other forces at the points
     errors_ = found->errors;
     summary_.error = error_.largest(errors_);
+    return measured;
+  }
+  if (rests) {
     return measured;
   }
   rounding_ = found->rounding;
