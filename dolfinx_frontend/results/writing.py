@@ -1,4 +1,4 @@
-"""An answer into one HDF5 file, which is described in ``docs/results.md``."""
+"""An answer into one HDF5 file, which is described in ``dolfinx_frontend/formats/FORMAT.md``."""
 
 from __future__ import annotations
 
