@@ -1,6 +1,6 @@
 """A chaos in a file, to be evaluated anywhere.
 
-The format is described in ``docs/chaos_file.md``.  A file holds all that its evaluation needs: the
+The format is described in ``FORMAT.md`` here.  A file holds all that its evaluation needs: the
 three-term recurrences of the germs, the multi-indices and the coefficients; and the maps between
 germs and physical parameters.  :class:`ChaosFile` evaluates it with NumPy alone.
 """
