@@ -79,18 +79,13 @@ def test_examples_use_what_there_is(page: str) -> None:
     assert found
 
 
-def test_kernel_page_shows_its_demo(capsys: pytest.CaptureFixture[str]) -> None:
-    """The lines of the demo as they stand in it, and examples that run and print what is said."""
+def test_examples_of_the_kernel_page(capsys: pytest.CaptureFixture[str]) -> None:
+    """They run and print what is said; the demo of its tutorial stays short."""
     demo = (DOCS.parent / "demos" / "raw_dolfinx.py").read_text().splitlines()
-    lines = {line.partition("  #")[0].strip() for line in demo}
     page = (DOCS / "kernel.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.S)
-    runs = [block for block in blocks if block.startswith("import ")]
-    shown = [block for block in blocks if block not in runs]
-    assert demo.index("# [end]") < 120 and len(shown) > 5 and len(runs) == 2
-    for line in "".join(shown).splitlines():
-        assert line.strip() in lines, line
-    for block in runs:
+    assert demo.index("# [end]") < 120 and len(blocks) == 2
+    for block in blocks:
         capsys.readouterr()
         exec(compile(block, "kernel.md", "exec"), {"__name__": "docs"})
         for line in capsys.readouterr().out.splitlines() if "print(" in block else ():
