@@ -1,5 +1,5 @@
-// latin_run: solves a problem that was exported to a folder, without Python. folder.hpp describes the folder,
-// answer.hpp the file of the answer.
+// latin_run: solves a problem that was exported to a folder, without Python. folder.cpp describes the folder,
+// answer.cpp the file of the answer.
 
 #include <petscsys.h>
 

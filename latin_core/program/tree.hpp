@@ -13,7 +13,7 @@
 #include "latin/common/types.hpp"
 
 /// Trees of values in HDF5 files that are sealed: the 512 bytes before the HDF5 data begin with "FORMAT sha256
-/// DIGEST" of all that follows them (folder.hpp, answer.hpp).
+/// DIGEST" of all that follows them (docs/kernel.md).
 namespace latin::program {
 
 /// Owner of one identifier of the HDF5 library.
