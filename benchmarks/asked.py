@@ -1,6 +1,6 @@
 """Asked, got, cost, what decided: ten scenes solved to 10 %, 1 % and 0.1 %.
 
-``./run bench asked [--json FILE] [--markdown docs/accuracy.md] [--only NUMBER ...]``
+``./run bench asked [--json FILE] [--markdown benchmarks/measured/asked.md] [--only NUMBER ...]``
 
 Six scenes have exact meshes and moments in closed form (of ``promise``): what is random decides. In the
 other four meshes decide; their references are a closed form, carried-on uniform meshes, or the finest meshes

@@ -27,6 +27,8 @@ from petsc4py import PETSc
 from dolfinx_frontend import Problem
 
 ROOT = Path(__file__).resolve().parents[1]
+FIGURES = ROOT / "docs" / "figures"
+"""Folder of the figures that benchmarks draw for the documentation."""
 sys.path[:0] = [str(ROOT), str(ROOT / "demos")]
 
 from parts.text import table as table  # noqa: E402, F401

@@ -1,6 +1,6 @@
 """Estimated against true errors, and how often ``accuracy=`` reaches the accuracy.
 
-``./run bench estimates [--json FILE] [--markdown docs/accuracy.md] [--quick]``
+``./run bench estimates [--json FILE] [--markdown benchmarks/measured/estimates.md] [--quick]``
 
 Three scenes: the coarse bolted vessel with random screw and joint, two blocks whose joint is a random field,
 and the coarse bolted lap joint in contact and friction with random cuts of its bolts.
@@ -482,7 +482,7 @@ def written(path: Path, record: dict[str, Any]) -> None:
 def main() -> None:
     """Measure and report."""
     parser = common.parser("estimates", __doc__)
-    parser.add_argument("--markdown", type=Path, help="page with marks, e.g. docs/accuracy.md")
+    parser.add_argument("--markdown", type=Path, help="page with marks, benchmarks/measured/estimates.md")
     parser.add_argument("--quick", action="store_true", help="every other tolerance, three directions")
     parts = ["algebraic", "truncation", "promise", "gap", "discretisation"]
     parser.add_argument("--only", nargs="*", choices=parts, default=parts)

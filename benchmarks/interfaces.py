@@ -5,8 +5,8 @@ solution; rings: split Lame ring or tube), ``cell``, ``law``, ``degree``, ``spac
 the facets of side 1, on which the law holds, are the smaller ones), ``n`` of the meshes, and by mesh
 ``energy`` (error of the displacement in the energy norm), ``force`` (rms over the interface), ``resultant``,
 all relative, ``status`` and ``iterations``; ``patch``, ``uneven``, ``overlap`` and ``getfem``
-(:mod:`mortar_getfem`) likewise. The tables of docs/interfaces.md are the output of ``./run bench interfaces
---markdown``.
+(:mod:`mortar_getfem`) likewise. The tables of benchmarks/measured/interfaces.md are the output of
+``./run bench interfaces --markdown``.
 """
 
 from __future__ import annotations

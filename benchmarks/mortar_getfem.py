@@ -5,7 +5,8 @@ displacements, and for ``ours`` (space ``"mortar"``) and ``getfem`` (its integra
 multipliers P1 on the side with the smaller facets) the error of the pressure at the vertices of that side
 in L2 and the largest one, relative to the mean pressure. Meshes and displacements (quadratic triangles)
 are the same. Where GetFEM is missing its numbers are null and ``reason`` says so. The table of
-docs/interfaces.md is the output with ``--markdown``, and one of those of ``./run bench interfaces``.
+benchmarks/measured/interfaces.md is the output with ``--markdown``, and one of those of
+``./run bench interfaces``.
 
 Scenes: ``patch``, two squares between guides, pressed evenly; ``rings``, a quarter of two rings under an even
 pressure (Lame);

@@ -1,6 +1,6 @@
 """Cost against size, chaos modes and number of parts, as tables, figures and fitted exponents.
 
-``./run bench performance --json FILE --keep FOLDER --markdown docs/performance.md`` measures
+``./run bench performance --json FILE --keep FOLDER --markdown benchmarks/measured/performance.md`` measures
 
 * ``sizes``: the bolted vessel meshed finer and finer. Each size runs in processes of its own, one for
   a method, so that peak memory is that of the method (of its first run). Seconds begin with the matrices of
@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import ctypes
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -433,8 +434,9 @@ def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
     return found
 
 
-def markdown(record: dict[str, Any], path: Path) -> None:
-    """The page of the documentation."""
+def markdown(record: dict[str, Any], path: Path, figures: Path) -> None:
+    """The page of the run."""
+    shown = os.path.relpath(figures, path.parent)
 
     def growth(section: str, of: str) -> list[str]:
         found = ", ".join(f"{what} {slope:.2f}" for what, slope in record["exponents"][section].items())
@@ -489,7 +491,7 @@ def markdown(record: dict[str, Any], path: Path) -> None:
     header = ["unknowns", "", "seconds", "units", "iterations", "error", "peak, MB"]
     text += [common.markdown_table(header, rows), ""]
     text += growth("sizes", "the unknowns, over the last four")
-    text += ["![Cost against size](figures/performance_sizes.png)", ""]
+    text += [f"![Cost against size]({shown}/performance_sizes.png)", ""]
     text += ["## Against modes", "", "Five random variables (germs) on the vessel, orders 1 to 5.", ""]
     table = common.markdown_table(
         ["order", "modes", "iterations", "seconds", "units", "estimated error", "true error", "peak, MB"],
@@ -508,7 +510,7 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         ],
     )
     text += [table, "", *growth("modes", "the modes, over the last two orders")]
-    text += ["![Cost against modes](figures/performance_modes.png)", ""]
+    text += [f"![Cost against modes]({shown}/performance_modes.png)", ""]
     text += [
         "## Against the number of parts",
         "",
@@ -527,7 +529,7 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         return [common.markdown_table(header, cells), ""]
 
     text += [*chains(record["parts"]), *growth("parts", "the number of parts, over the last four")]
-    text += ["![Cost against the number of parts](figures/performance_parts.png)", ""]
+    text += [f"![Cost against the number of parts]({shown}/performance_parts.png)", ""]
     text += [
         "A chain of cubes in which every fourth joint has friction, opens at its edges and slips; the others "
         "are glued:",
@@ -567,7 +569,8 @@ def markdown(record: dict[str, Any], path: Path) -> None:
 def main() -> None:
     """Measure, print and write."""
     parser = common.parser("performance", "Cost against size, modes and parts.")
-    parser.add_argument("--markdown", type=Path, help="page to write, with figures beside it")
+    parser.add_argument("--markdown", type=Path, help="page to write")
+    parser.add_argument("--figures", type=Path, default=common.FIGURES, help="folder of its figures")
     parser.add_argument("--keep", type=Path, help="folder of records, to go on with after a stop")
     parser.add_argument("--sizes", nargs="+", default=list(SIZES))
     parser.add_argument("--modes-size", default="paper")
@@ -600,8 +603,8 @@ def main() -> None:
     record["loop"] = loop(options.modes_size)
     record["environment"] = common.environment()
     if options.markdown:
-        record["exponents"] = plots(record, options.markdown.parent / "figures")
-        markdown(record, options.markdown)
+        record["exponents"] = plots(record, options.figures)
+        markdown(record, options.markdown, options.figures)
     common.write_json(record, options.json)
 
 

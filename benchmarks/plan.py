@@ -1,6 +1,6 @@
 """What a plan says of cost and memory, beside what ways took: chaos, rules and samples on many scenes.
 
-``./run bench plan [--json FILE] [--markdown docs/plan.md] [--only SCENE ...]``
+``./run bench plan [--json FILE] [--markdown benchmarks/measured/plan.md] [--only SCENE ...]``
 
 Every run is a process of its own, forked from one that has assembled the scene. Cost is processor time (what
 other programs do on the machine does not count), in *units*: of a direct solve of the scene with all that is

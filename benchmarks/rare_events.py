@@ -1,8 +1,8 @@
 """Probabilities of the public set of limit states (otbenchmark), over many seeds.
 
-``./run bench rare_events --seeds 100`` prints the table of docs/reliability.md: how often the 95 % interval
-of ``method="auto"`` held the probability, the mean and the scatter of the estimates relative to it, what was
-reported of that scatter, and the mean and largest number of points, all of them counted.
+``./run bench rare_events --seeds 100`` prints the table of benchmarks/measured/rare_events.md: how often
+the 95 % interval of ``method="auto"`` held the probability, the mean and the scatter of the estimates
+relative to it, what was reported of that scatter, and the mean and largest number of points, all counted.
 
 ``--integrate`` integrates the probabilities again, ``--drawn`` does the same with limits that are drawn by
 chance, which no setting was chosen on: in the plane (curved, kinked, wavy, two joined) and in 3 to 15

@@ -1,7 +1,7 @@
 """Speed against accuracy: all settings, one by one and together, on three scenes, and the Pareto front.
 
-``./run bench tradeoff --json FILE --markdown docs/accuracy.md`` measures all of it and writes the record,
-the part of the page on the front and its figures; ``--read FILE`` makes page and figures from a record.
+``./run bench tradeoff --json FILE --markdown benchmarks/measured/tradeoff.md`` measures all of it and writes
+the record, the part of the page on the front and its figures; ``--read FILE`` makes them from a record.
 
 The scenes are the geometries of the demos, with randomness that has moments of every order:
 
@@ -35,6 +35,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -943,11 +944,11 @@ def table_all(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
 EMPTY = "## Reading the front\n\n<!-- front: begin -->\n<!-- front: end -->\n"
 
 
-INTRODUCTION = """![Bolted vessel](figures/tradeoff_vessel.png)
+INTRODUCTION = """![Bolted vessel]({figures}/tradeoff_vessel.png)
 
-![Bolted lap joint](figures/tradeoff_lap.png)
+![Bolted lap joint]({figures}/tradeoff_lap.png)
 
-![Random field](figures/tradeoff_field.png)
+![Random field]({figures}/tradeoff_field.png)
 
 Each point is one choice of settings. Its cost is that of computing the mean and the standard deviation of
 one number; its error is the larger of their true relative errors. The line is the front: the best that can
@@ -971,15 +972,15 @@ the reference. If several settings cost the same to within 10 %, the tables name
 """
 
 
-def section(record: Mapping[str, Any]) -> str:
-    """The part of the page on the front."""
+def section(record: Mapping[str, Any], figures: str = "figures") -> str:
+    """The part of the page on the front; ``figures``: their folder as seen from the page."""
     e = record["environment"]
     quick = " (`--quick`: coarse meshes, few settings)" if record["quick"] else ""
     text = [
-        f"Made by `./run bench tradeoff --json FILE --markdown docs/accuracy.md`{quick} on",
+        f"Made by `./run bench tradeoff --json FILE --markdown benchmarks/measured/tradeoff.md`{quick} on",
         f"{e['processor']}, {e['threads']} thread(s), load {e['load']:.1f} at the end.",
         "",
-        INTRODUCTION,
+        INTRODUCTION.format(figures=figures),
     ]
     for scene in record["scenes"].values():
         same = scene["references"]["same"]
@@ -1025,14 +1026,16 @@ def _sentence(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def write_page(record: Mapping[str, Any], page: Path) -> None:
-    """Put the section into the page, which is made if it is not there; the figures go beside it."""
+def write_page(record: Mapping[str, Any], page: Path, figures: Path | None = None) -> None:
+    """Put the section into the page, which is made if it is not there; the figures go beside it, or there."""
+    figures = page.parent / "figures" if figures is None else figures
     text = page.read_text(encoding="utf-8") if page.exists() else "# Accuracy\n"
     if "<!-- front: begin -->" not in text:
         page.parent.mkdir(parents=True, exist_ok=True)
         page.write_text(f"{text.rstrip()}\n\n{EMPTY}", encoding="utf-8")
-    common.between_marks(page, "front", section(record))
-    drawn = figure(record, page.parent / "figures")
+    shown = os.path.relpath(figures, page.parent)
+    common.between_marks(page, "front", section(record, shown))
+    drawn = figure(record, figures)
     print(f"written to {page} and {', '.join(map(str, drawn))}")
 
 
@@ -1069,6 +1072,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=("vessel", "lap", "field"), help="only these")
     parser.add_argument("--read", type=Path, help="take this record instead of measuring")
     parser.add_argument("--markdown", type=Path, help="page whose part on the front is written")
+    parser.add_argument("--figures", type=Path, default=common.FIGURES, help="folder of its figures")
     options = parser.parse_args()
     if options.read is not None:
         record: dict[str, Any] = json.loads(options.read.read_text(encoding="utf-8"))
@@ -1077,7 +1081,7 @@ def main() -> None:
     report(record)
     common.write_json(record, options.json)
     if options.markdown is not None:
-        write_page(record, options.markdown)
+        write_page(record, options.markdown, options.figures)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 Two elastic blocks touch. The lower one is clamped; the upper one rests on soft ground springs and is pressed
 at one side, so that the other side of the joint opens. The joint is unilateral: elastic with the stiffness
 kappa where it is closed, free where it is open. The same system is solved directly, by trying which points
-are closed. docs/kernel.md goes through this script line by line, docs/tutorials/raw_dolfinx.md step by step.
+are closed. docs/tutorials/raw_dolfinx.md goes through this script step by step.
 
     ./run python demos/raw_dolfinx.py [--output DIR]      with a folder: two pictures
 """

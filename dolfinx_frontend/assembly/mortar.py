@@ -20,8 +20,8 @@ Normal jumps are w_i jump_n = int psi_i (u_2 - u_1) . n with the normal n of the
 on a curved face would open gaps of the order h^2, which differ from vertex to vertex and make pressures of
 the order h; and forces would act along the wrong lines by h^2.
 
-The weights are int L_i in either case.  Measured (docs/interfaces.md): both pass the patch test and need as
-many iterations; forces are the more accurate ones in each case.
+The weights are int L_i in either case.  Measured (benchmarks/measured/interfaces.md): both pass the patch
+test and need as many iterations; forces are the more accurate ones in each case.
 
 Where vertices are held by another interface, a multiplier of their own would hold linear displacements twice.
 It is merged into those of its neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi,

@@ -1,8 +1,72 @@
-"""A chaos in a file, to be evaluated anywhere.
+r"""A chaos in a file, to be evaluated anywhere.
 
-The format is described in ``docs/chaos_file.md``.  A file holds all that its evaluation needs: the
-three-term recurrences of the germs, the multi-indices and the coefficients; and the maps between
-germs and physical parameters.  :class:`ChaosFile` evaluates it with NumPy alone.
+A file holds all that its evaluation needs: the three-term recurrences of the germs, the multi-indices and
+the coefficients; and the maps between germs and physical parameters.  :class:`ChaosFile` evaluates it with
+NumPy alone; ``docs/chaos_file.md`` shows how other programs do.
+
+L is the number of independent random variables (germs), P + 1 the number of modes, n - 1 the greatest
+degree of a germ. Numbers are float64, indices int64; arrays are row-major; all values are finite.
+
+``format``
+    text; ``latin-chaos``
+``version``
+    integer; 1; a reader refuses versions that it does not know
+``checksum``
+    text; SHA-256 of the content, see below
+``meta``
+    text; a JSON object: ``order`` (greatest total degree), ``software``, and what the writer added
+``germs/names``
+    L texts; names of the germs
+``germs/families``
+    L texts; for information: ``hermite`` (standard normal), ``legendre`` (uniform on [-1, 1]),
+    ``laguerre(a)`` (gamma with shape a, scale 1), ``jacobi(a, b)`` (beta(a, b) stretched to [-1, 1]), or
+    a description of any other distribution
+``germs/alpha``, ``germs/beta``
+    (L, n); recurrence of the orthonormal polynomials of each germ
+``indices``
+    (P + 1, L); degree of each germ in each mode; row 0 is zero and belongs to the mean
+``groups/NAME``
+    integers; germs of each independent random source, for Sobol indices
+``parameters/NAME``
+    group; a physical parameter or random field, see below
+``fields/NAME/coefficients``
+    (rows, P + 1); chaos coefficients
+``fields/NAME/shape``
+    integers; shape of one realisation; its product is ``rows``
+``fields/NAME/unit``, ``description``
+    text
+
+In HDF5 texts and integers are attributes, arrays and lists contiguous datasets, everything else groups;
+in link names ``%`` is ``%25``, ``/`` is ``%2F``, and in a name of dots only ``.`` is ``%2E``. The 512
+bytes before the HDF5 part begin with ``latin-chaos sha256 HEX``, the checksum of everything after them.
+In JSON the tree is nested objects.
+
+**Physical parameters**
+
+``parameters/NAME`` describes how a parameter is computed from the germs:
+
+``germs``
+    (r) numbers of the germs on which it depends
+``offset``, ``matrix``
+    (rows), (rows, r): a = offset + matrix x, x the values of these germs
+``map``
+    ``affine``: the value is a; ``exponential``: exp(a); ``table``: linear interpolation
+``argument``, ``value``
+    (s) for a table only: ascending; the map is constant beyond the ends
+``mean``
+    (rows) expectation
+
+A parameter has one row; a random field one per point of its interface. All maps can be inverted:
+``load_chaos(path).germ_points({"k": 90.0, "K": 5.2e4})``. A table has 4 097 rows, for normal scores from
+-8 to 8.
+
+**Checksum**
+
+SHA-256 over all leaves of the tree but ``format``, ``version`` and ``checksum``, depth first with sorted
+keys. An array adds ``PATH TYPE SHAPE LENGTH\n`` and its little-endian bytes (TYPE ``<i8`` or ``<f8``,
+SHAPE as Python prints a tuple, LENGTH in bytes), a text or a list of texts ``PATH LENGTH\n`` and its JSON
+form in ASCII. PATH is ``/key/key``, percent-encoded as UTF-8 except for letters, digits and ``_.-~/``. A
+reader may skip this check.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ class Group:
         return found.astype(np.int64)
 
     def sparse(self, name: str, rows: int, columns: int, of: str) -> None:
-        """A sparse matrix by rows, whose column numbers are called `of`; see ``docs/results.md``."""
+        """A sparse matrix by rows, whose column numbers are called `of`; see `results.writing`."""
         node = self.group(name)
         node.rows(rows, columns, of)
 

@@ -1,4 +1,60 @@
-"""An answer into one HDF5 file, which is described in ``docs/results.md``."""
+"""An answer into one HDF5 file.
+
+The file is HDF5. Texts and integers are attributes, everything else is stored as contiguous datasets. The
+512 bytes of the user block begin with ``latin-result sha256 HEX``, the checksum of the rest: ``load``
+refuses a damaged file before HDF5 opens it. A file of another version is refused with a message that
+states its version. Any HDF5 reader (``h5py``, ``h5dump``) can read the file.
+
+``format``, ``version``
+    ``latin-result``, 3 (files of versions 1, which have no meshes, and 2 are read)
+``kind``
+    ``deterministic``, ``history``, ``chaos``, ``samples``, ``sweep``
+``statistics``
+    ``value``, ``random``, ``qmc``, ``quadrature``, ``grid``
+``status``, ``iterations``, ``error``, ``place``
+    how the run ended, and where the error is largest
+``statuses``
+    of every time step
+``points/status``, ``iterations``, ``error``
+    of every point of samples and sweeps
+``plan``, ``problem``, ``software``, ``active``
+    in words
+``times``
+    (T) of a history
+``germs``, ``weights``
+    (N, L) samples, of a chaos those of its tables; (N) of a quadrature
+``axes/NAME``
+    of a sweep: the values of a swept parameter
+``interfaces/NAME/points``, ``weights``, ``frames``
+    (m, d), (m), (m, d, d) with n in row 0
+``interfaces/NAME/directions``
+    (m, components, d) of the components of force and jump
+``interfaces/NAME/force``, ``jump``
+    ([N,] [T,] m, components), of a sweep (grid..., ...); of a chaos the mean
+``interfaces/NAME/measures/COLUMN``
+    ([N,] [T]) numbers of the tables
+``interfaces/NAME/law``, ``description``, ``sides``
+    in words
+``interfaces/NAME/facets``, ``carrier``
+    (k, 2) cell and facet, of the side (0 or 1) that has the points
+``interfaces/NAME/trace``, ``areas``, ``vertices``
+    sparse matrices by rows: nodes to points; points to facets; a continuous field
+``interfaces/NAME/contact/clearance``, ``friction``, ``threshold``
+    ([N or 1], [T or 1], m), not of a chaos
+``substructures/NAME/nodes``, ``displacement``, ``deviation``
+    (nodes, d), ([T,] nodes, d), of a sweep ([N,] ...)
+``substructures/NAME/mesh``
+    cells, coordinates, nodes of the displacement, faces, elasticity
+``substructures/NAME/points``, ``turning``
+    of a part that is a matrix, in place of the mesh: how many of its nodes are the points, and which of
+    these turn
+``no_displacements``
+    why there are none
+``chaos``, ``nonlinear``
+    the tree of the chaos file; interfaces whose law is nonlinear
+
+N: samples, T: time steps, m: points of an interface, d: dimension.
+"""
 
 from __future__ import annotations
 

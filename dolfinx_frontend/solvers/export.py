@@ -1,7 +1,7 @@
 """A problem as a folder that ``latin_run`` solves without Python: all that the kernel is given, by value.
 
 The folder has ``problem.h5``, a sealed HDF5 file, and ``matrices/*.petsc``, PETSc binary matrices;
-``docs/kernel.md`` describes both.
+``latin_core/program/folder.cpp`` describes both.
 """
 
 from __future__ import annotations

@@ -9,6 +9,26 @@
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/local_stage.hpp"
 
+// The file of the answer.
+//
+// It has the form of that of the folder (folder.cpp): `latin-run`, version 1. Beside what it copies from `face` it has
+//
+// `run/status`, `iterations`, `error`
+//     text, integer, number; of a sweep the worst, the sum, the largest
+// `run/indicator`, `energy`
+//     number; the paper's indicator; u^T K u of all columns; not of a sweep
+// `run/errors`
+//     (groups, bodies); estimated errors by time step (of a chaos its mean and its fluctuation) and body
+// `run/interfaces/I/name`, `force`, `jump`
+//     text, (k m, c); force on side 1 per area, and jump; of a sweep (points, c, k m), NaN where it was not
+//     reached
+// `run/parts/P/name`, `displacement`
+//     text, (n, c); of every member; of a sweep (points, c, n), and only with `--displacements`
+// `run/points/status`, `iterations`, `error`
+//     (points); of a sweep
+// `run/axes/names`, `run/axes/A/values`
+//     texts, numbers; of a sweep that the command line asked for
+
 namespace latin::program {
 namespace {
 

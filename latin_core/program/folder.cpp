@@ -16,6 +16,78 @@
 #include "latin/interface/interface.hpp"
 #include "sha256.hpp"
 
+// The folder of an exported problem.
+//
+// `matrices/NNNN.petsc` are matrices in PETSc's binary format (AIJ, as `MatView` writes it). `problem.h5`
+// has everything else. It is HDF5: texts and integers are attributes, numbers are attributes or contiguous
+// datasets of float64, row-major; lists are groups "0", "1", ... The 512 bytes before the HDF5 part begin with the
+// line `latin-problem sha256 HEX`, the checksum of everything after them; the checksums of the matrices are
+// inside. `latin_run` compares them before HDF5 sees the files. It refuses links, and values that are stored in
+// other files, and takes none of PETSc's options (`.petscrc`, `PETSC_OPTIONS`). l is the number of load
+// patterns, c that of the columns of a run (time steps, or modes times time steps, the steps fastest), m that of
+// the points of an interface, k that of its components.
+//
+// `format`, `version`
+//     text, integer; `latin-problem`, 1
+// `matrices/files`, `sha256`
+//     texts; of every matrix its file below the folder and its checksum; others refer to matrices by their number
+//     here
+// `bodies/B/name`, `size`
+//     text, integer; name for messages, number of unknowns q
+// `bodies/B/members/M/name`
+//     text; of the substructure
+// `bodies/B/members/M/stiffness`, `prolongation`
+//     integer; matrices K (n, n) and Z (n, size); a prolongation of -1 is the identity
+// `bodies/B/members/M/load`, `offset`
+//     (n, l); F, force; u0, length (may be missing: zero)
+// `bodies/B/springs/S/name`
+//     text; for messages
+// `bodies/B/springs/S/members`, `traces`
+//     (1 or 2) integers; position of the members in the body; matrices T (d m, n)
+// `bodies/B/springs/S/frames`
+//     (k m, d); orthonormal rows: normal, then tangents
+// `bodies/B/springs/S/stiffness`, `jump`
+//     (k m), (k m, l); stiffness per area times the areas; imposed jump
+// `interfaces/I/name`, `law`
+//     text; the law is `contact`, `coulomb`, `debonding`, `elastic`, `force`, `perfect` or `preload`
+// `interfaces/I/weights`, `frames`
+//     (m), (k m, d); areas; orthonormal rows
+// `interfaces/I/paired`
+//     integer; whether the step is solved for with both bodies
+// `interfaces/I/basis`
+//     (k m, moments); of the coarse problem; may be missing
+// `interfaces/I/sides/S/member`, `trace`
+//     text, integer; name of a member, matrix T (d m, n)
+// `interfaces/I/sides/S/direction`, `scale`
+//     (k m), number; k, force / length^3; modulus / length
+// `laws/steps`, `modes`
+//     integer; time steps in one history; chaos modes
+// `laws/parameters/P/interface`, `parameter`
+//     text; which
+// `laws/parameters/P/values`
+//     (m or k m or 1, c or 1); one row or column stands for all
+// `laws/columns/C/interface`
+//     text; whose columns are transformed (random stiffnesses, nonlinear laws of a chaos)
+// `laws/columns/C/groups/G/begin`, `end`
+//     integer; components of the group
+// `laws/columns/C/groups/G/forward`, `backward`
+//     (1 or m, modes, q), (1 or m, q, modes); into the columns in which the law is deterministic, and back;
+//     missing: the identity, a missing `backward`: the transposes
+// `laws/columns/C/groups/G/parameters/P/name`, `values`
+//     text, (rows, q steps); parameters there
+// `options/NAME`
+//     the options of the iteration and of the factorisation, as `latin_core.Options`
+// `amplitudes`
+//     (l, c); factors of the load patterns
+// `sweep/order`
+//     integers; points in the order of solution; no such group: no sweep
+// `sweep/parameters/P/interface`, `parameter`, `columns`
+//     text, text, integer; what changes; columns of the field (time steps, or 1)
+// `sweep/parameters/P/pattern`, `values`
+//     (rows columns, r), (r, points); the field at a point is `pattern @ values[:, point]`
+// `face`
+//     group; what the frontend needs to read the answer; `latin_run` copies it. It may be missing
+
 namespace latin::program {
 namespace {
 

@@ -1,5 +1,5 @@
-// latin_run: solves a problem that was exported to a folder, without Python. docs/kernel.md describes the folder
-// and the file of the answer.
+// latin_run: solves a problem that was exported to a folder, without Python. folder.cpp describes the folder,
+// answer.cpp the file of the answer.
 
 #include <petscsys.h>
 

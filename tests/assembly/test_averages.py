@@ -458,7 +458,7 @@ def test_patch_in_contact(cell, seed, law):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_points_do_not_pass_the_patch_test(cell):
-    """What the space ``points`` misses on the same scene, on any mesh: docs/interfaces.md."""
+    """What the space ``points`` misses on the same scene, on any mesh: benchmarks/measured/interfaces.md."""
     problem, exact, _ = compressed(cell, 0.3, LAYER, 2, "points", angle=0.4)
     result = solve(problem, method="accelerated", active=["joint"], options=TIGHT)
     u = np.concatenate(

@@ -2,7 +2,7 @@
 
 Expected: displacements of degree p have the order p in the energy norm, whatever the law. Forces that are
 constant on facets and exact in the mean would be off by h^2 at centroids; with rigid laws the multiplier of
-degree 0 allows for h^(p - 1/2), at most h^2 (measured: docs/interfaces.md).
+degree 0 allows for h^(p - 1/2), at most h^2 (measured: benchmarks/measured/interfaces.md).
 """
 
 from __future__ import annotations
