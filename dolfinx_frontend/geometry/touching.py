@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any, Literal
 
@@ -28,7 +28,7 @@ from dolfinx_frontend.geometry.solids import (
     vector,
 )
 
-__all__ = ["Kind", "Touch", "touching"]
+__all__ = ["Kind", "Touch", "close_faces", "touching"]
 
 Kind = Literal["touching", "near", "cut"]
 
@@ -177,6 +177,21 @@ class _Facing:
     gap: float
     widest: float
     normal: Array
+
+
+def close_faces(
+    gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], touches: Sequence[Touch], gap: float
+) -> list[Touch]:
+    """Plane faces within a gap that are in no touch, where one covers half of the other."""
+    taken = {tag for touch in touches for side in touch.surfaces for tag in side}
+    plane = {
+        name: replace(s, surfaces=tuple(f for f in s.surfaces if f.kind == "plane" and f.tag not in taken))
+        for name, s in solids.items()
+    }
+    where = {f.tag: [f] for s in plane.values() for f in s.surfaces}
+    found = _near(gmsh, loaded, plane, where, gap)
+    area = {tag: f.area for tag, (f,) in where.items()}
+    return [t for t in found if t.area > 0.5 * min(sum(area[n] for n in side) for side in t.surfaces)]
 
 
 def _near(
