@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -30,13 +31,33 @@ def limits(hits: int, count: int) -> tuple[float, float]:
     return low, high
 
 
-def line(title: str, hits: int, count: int) -> str:
+def share(title: str, hits: int, count: int) -> str:
     """A count with its share and limits."""
     if not count:
         return f"{title:34} none"
     low, high = limits(hits, count)
-    share, span = f"{100 * hits / count:6.2f} %", f"({100 * low:.2f} to {100 * high:.2f} %)"
-    return f"{title:34} {hits:5} of {count:5}  {share}  {span}"
+    part, span = f"{100 * hits / count:6.2f} %", f"({100 * low:.2f} to {100 * high:.2f} %)"
+    return f"{title:34} {hits:5} of {count:5}  {part}  {span}"
+
+
+def judge(number: int, off: bool, sums: dict[str, Counter[Any]]) -> str:
+    """One assembly, added to the sums; what is wrong with its file, if it cannot be read."""
+    assembly, began = made(number, off), perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        file = write(assembly, Path(folder) / "assembly.step")
+        try:
+            verdicts = judged(assembly, file)
+        except ValueError as error:  # which no assembly should raise
+            print(f"{number:4}  not read: {error}", flush=True)
+            return str(error)
+    spent = perf_counter() - began
+    print(f"{number:4}  M{assembly.d:g}  {len(assembly.parts):3} parts  {spent:6.1f} s", flush=True)
+    for names, verdict in verdicts.items():
+        key = f"{names}, {'up to 5 % off' if off else 'of standard size'}"
+        sums.setdefault(key, Counter()).update(verdict.counts)
+        for wrong in verdict.wrong:
+            print(f"      {key}: {wrong}", flush=True)
+    return ""
 
 
 def main() -> None:
@@ -44,37 +65,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=0, help="number of the first assembly")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="begin no assembly after these")
     parser.add_argument("--json", type=Path, help="file to write the record to")
     given = parser.parse_args()
-    sums: dict[str, Counter[str]] = {}
-    failed, seconds = [], 0.0
+    sums: dict[str, Counter[Any]] = {}
+    failed, done, began = [], 0, perf_counter()
     for number in range(given.first, given.first + given.count):
-        for off in (False, True):
-            assembly = made(number, off)
-            with tempfile.TemporaryDirectory() as folder:
-                file, began = write(assembly, Path(folder) / "assembly.step"), perf_counter()
-                try:
-                    verdicts = judged(assembly, file)
-                except ValueError as error:  # which no assembly should raise
-                    failed.append((number, off, str(error)))
-                    print(f"{number:4} not read: {error}", flush=True)
-                    continue
-            seconds += perf_counter() - began
-            for names, verdict in verdicts.items():
-                key = f"{names}, {'up to 5 % off' if off else 'of standard size'}"
-                sums.setdefault(key, Counter()).update(verdict.counts)
-                for wrong in verdict.wrong:
-                    print(f"{number:4} {key}: {wrong}", flush=True)
+        if perf_counter() - began > given.seconds:
+            break
+        done += 1
+        failed += [text for off in (False, True) if (text := judge(number, off, sums))]
     for key, counts in sums.items():
         print(f"\n{key}")
         for kind in COUNTED:
-            print(line(f"  {kind}s found", counts[kind, "found"], counts[kind, "there"]))
+            print(share(f"  {kind}s found", counts[kind, "found"], counts[kind, "there"]))
         found, there = (sum(counts[kind, word] for kind in COUNTED) for word in ("found", "there"))
-        print(line("  found", found, there))
-        print(line("  sizes right of those found", counts["sizes"], counts["sized"]))
-        print(line("  others taken for one", counts["false"], counts["others"]))
-        print(line("  studs and dowels found", counts["more found"], counts["more there"]))
-    print(f"\n{given.count} assemblies, two files each, {len(failed)} not read, {seconds:.0f} s")
+        print(share("  found", found, there))
+        print(share("  sizes right of those found", counts["sizes"], counts["sized"]))
+        print(share("  others taken for one", counts["false"], counts["others"]))
+        print(share("  studs and dowels found", counts["more found"], counts["more there"]))
+    print(f"\n{done} assemblies, two files each, {len(failed)} not read, {perf_counter() - began:.0f} s")
     if given.json is not None:
         record: dict[str, Any] = {"benchmark": "step", "environment": common.environment(), "failed": failed}
         record["sums"] = {key: {str(k): v for k, v in counts.items()} for key, counts in sums.items()}

@@ -43,8 +43,8 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
         if size is not None and not p.fits and hole < 0.995 * size.holes[0] * min(1.0, shank.d / size.d):
             yield (
                 f"the hole of {p.part!r} for {bolt.part!r} has {hole:.4g} mm: ISO 273 has "
-                f"{size.holes[0]:g} mm (fine) to {size.holes[2]:g} mm for {size.name}; bore it, or give another "
-                f"size, step.is_bolt({bolt.part!r}, ...)"
+                f"{size.holes[0]:g} mm (fine) to {size.holes[2]:g} mm for {size.name}; bore it, or give "
+                f"another size, step.is_bolt({bolt.part!r}, ...)"
             )
     for end in {-1, 1} - set(shank.heads):
         length = sum(p.high - p.low for p in held[end])

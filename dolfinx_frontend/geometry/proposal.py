@@ -126,8 +126,9 @@ def _section(found: Finding) -> Cut | None:
         return None
     way = -1.0 if 1 in shank.heads and -1 not in shank.heads else 1.0  # from the head to the tip
     through = found.origin + 0.5 * (low + high) * found.axis
-    normal, point = (way * found.axis).tolist(), through.tolist()
-    return Cut(found.part, (normal[0], normal[1], normal[2]), (point[0], point[1], point[2]))
+    x, y, z = (way * float(v) + 0.0 for v in found.axis)
+    px, py, pz = (float(v) for v in through)
+    return Cut(found.part, (x, y, z), (px, py, pz))
 
 
 def _grip(found: Finding) -> tuple[float, float]:

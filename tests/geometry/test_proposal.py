@@ -120,3 +120,39 @@ def test_what_no_bolt_clamps_is_tied(tmp_path: Path) -> None:
 
     made = lf.read_step(write_step(tmp_path / "two.step", build)).proposal()
     assert isinstance(made._joins["a|b"].law, lf.Perfect) and "no bolt" in made.why["join", "a|b"]
+
+
+def mount(occ: Any) -> dict[str, int]:
+    """A foot with a wall on a base over a gasket, two M10 with round heads and nuts; nothing has a name."""
+
+    def pin(x: float, low: float, high: float, r: float) -> tuple[int, int]:
+        return 3, occ.addCylinder(x, 0, low, 0, 0, high - low, r)
+
+    def bored(body: tuple[int, int], low: float, high: float) -> int:
+        return int(occ.cut([body], [pin(x, low - 1, high + 1, 5.5) for x in (-30, 30)])[0][0][1])
+
+    base = bored((3, occ.addBox(-50, -25, -12, 100, 50, 12)), -12, 0)
+    gasket = bored((3, occ.addBox(-50, -25, 0, 100, 50, 2)), 0, 2)
+    floor, wall = (3, occ.addBox(-50, -25, 2, 100, 50, 10)), (3, occ.addBox(-6, -25, 2, 12, 50, 40))
+    solids = [base, gasket, bored(occ.fuse([floor], [wall])[0][0], 2, 12)]
+    for x in (-30, 30):
+        solids.append(occ.fuse([pin(x, -22, 12, 5)], [pin(x, 12, 18.4, 8)])[0][0][1])
+        solids.append(occ.cut([pin(x, -20, -12, 8)], [pin(x, -23, -11, 5)])[0][0][1])
+    return {f"P{k}": int(tag) for k, tag in enumerate(solids)}
+
+
+@pytest.mark.night(guard="test_bracket_runs_and_is_in_balance")
+def test_a_gasket_under_a_side_load_is_in_balance(tmp_path: Path) -> None:
+    step = lf.read_step(write_step(tmp_path / "mount.step", mount))
+    titles = [f.title for f in step.found.values()]
+    assert titles == ["", "gasket", "", "bolt M10", "nut M10", "bolt M10", "nut M10"]
+    step.size("*", 25.0)
+    step.face("P0:ends", where=lambda s: abs(abs(s.centre[0]) - 50.0) < 1e-6)
+    step.face("P2:wall", normal=(-1, 0, 0), at=(-6, None, None))
+    scene = step.propose(per_turn=5)
+    scene.fix("P0:ends", name="support")
+    scene.force("P2:wall", (lf.Amplitude([1, 2], [0, 1]) * 1000.0, 0, 0), name="side")
+    result = lf.solve(lf.assemble(scene), times=[1.0, 2.0], progress=False)
+    assert result.converged
+    held = [result.table("support").value(f"force_{x}", "support") for x in "xyz"]
+    assert np.allclose(held, [-1000.0, 0.0, 0.0], atol=0.5)
