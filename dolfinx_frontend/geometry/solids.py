@@ -349,12 +349,23 @@ def box_of(occ: Any, dim: int, tag: int) -> tuple[Array, Array]:
     return box[:3], box[3:]
 
 
-def _overlapping(overlaps: Mapping[tuple[str, str], float], volumes: Mapping[str, float]) -> SceneError:
-    """The error for solids that overlap: which, and how much."""
-    worst = sorted(overlaps.items(), key=lambda item: -item[1])
+Overlaps = dict[tuple[str, str], tuple[float, float]]
+"""Two solids -> volume and surface of what they have in common."""
+
+
+def _size_of(occ: Any, tag: int) -> Array:
+    """Volume and surface of a solid."""
+    faces = {abs(face) for loop in occ.getSurfaceLoops(tag)[1] for face in loop}
+    return np.array([occ.getMass(3, tag), sum(occ.getMass(2, face) for face in faces)])
+
+
+def _overlapping(overlaps: Overlaps, volumes: Mapping[str, float]) -> SceneError:
+    """The error for solids that overlap: which, and how much; a layer has two sides of its area."""
+    worst = sorted(overlaps.items(), key=lambda item: -item[1][0])
     lines = [
-        f"{a!r} and {b!r} by {v:.4g} ({100 * v / min(volumes[a], volumes[b]):.3g} % of the smaller one)"
-        for (a, b), v in worst[:6]
+        f"{a!r} and {b!r} by {v:.4g} ({100 * v / min(volumes[a], volumes[b]):.3g} % of the smaller one), some "
+        f"{2.0 * v / area:.2g} mm over {0.5 * area:.4g} mm^2"
+        for (a, b), (v, area) in worst[:6]
     ]
     more = f", and {len(worst) - 6} pairs more" if len(worst) > 6 else ""
     return SceneError(
@@ -381,11 +392,12 @@ def _fuse(gmsh: Any, volumes: Mapping[str, int]) -> dict[str, list[int]]:
         for dim, tag in piece:
             if dim == 3:
                 owners.setdefault(tag, []).append(name)
-    overlaps: dict[tuple[str, str], float] = {}
+    overlaps: Overlaps = {}
     for tag, names in owners.items():
         for i, a in enumerate(names):
             for b in names[i + 1 :]:
-                overlaps[a, b] = overlaps.get((a, b), 0.0) + occ.getMass(3, tag)
+                both = np.array(overlaps.get((a, b), (0.0, 0.0))) + _size_of(occ, tag)
+                overlaps[a, b] = (float(both[0]), float(both[1]))
     if overlaps:
         raise _overlapping(overlaps, sizes)
     out: dict[str, list[int]] = {name: [] for name in volumes}
@@ -407,12 +419,12 @@ def _refuse_intersections(gmsh: Any, volumes: Mapping[str, int]) -> None:
     """Raise an error if solids that are not divided overlap."""
     occ = gmsh.model.occ
     names, tags = list(volumes), list(volumes.values())
-    overlaps = {}
+    overlaps: Overlaps = {}
     for i, j in near_pairs([box_of(occ, 3, tag) for tag in tags], 0.0):
         common, _ = occ.intersect([(3, tags[i])], [(3, tags[j])], removeObject=False, removeTool=False)
-        volume = sum(occ.getMass(3, tag) for dim, tag in common if dim == 3)
-        if volume > 0.0:
-            overlaps[names[i], names[j]] = volume
+        both = np.sum([_size_of(occ, tag) for dim, tag in common if dim == 3] or [np.zeros(2)], axis=0)
+        if both[0] > 0.0:
+            overlaps[names[i], names[j]] = (float(both[0]), float(both[1]))
         if common:
             occ.remove(common, recursive=True)
     if overlaps:
