@@ -363,8 +363,8 @@ def _overlapping(overlaps: Overlaps, volumes: Mapping[str, float]) -> SceneError
     """The error for solids that overlap: which, and how much; a layer has two sides of its area."""
     worst = sorted(overlaps.items(), key=lambda item: -item[1][0])
     lines = [
-        f"{a!r} and {b!r} by {v:.4g} ({100 * v / min(volumes[a], volumes[b]):.3g} % of the smaller one), some "
-        f"{2.0 * v / area:.2g} mm over {0.5 * area:.4g} mm^2"
+        f"{a!r} and {b!r} by {v:.4g} ({100 * v / min(volumes[a], volumes[b]):.3g} % of the smaller one), "
+        f"some {2.0 * v / area:.2g} mm over {0.5 * area:.4g} mm^2"
         for (a, b), (v, area) in worst[:6]
     ]
     more = f", and {len(worst) - 6} pairs more" if len(worst) > 6 else ""
@@ -422,7 +422,8 @@ def _refuse_intersections(gmsh: Any, volumes: Mapping[str, int]) -> None:
     overlaps: Overlaps = {}
     for i, j in near_pairs([box_of(occ, 3, tag) for tag in tags], 0.0):
         common, _ = occ.intersect([(3, tags[i])], [(3, tags[j])], removeObject=False, removeTool=False)
-        both = np.sum([_size_of(occ, tag) for dim, tag in common if dim == 3] or [np.zeros(2)], axis=0)
+        each = [_size_of(occ, tag) for dim, tag in common if dim == 3]
+        both = np.sum(each or [np.zeros(2)], axis=0)
         if both[0] > 0.0:
             overlaps[names[i], names[j]] = (float(both[0]), float(both[1]))
         if common:
