@@ -35,7 +35,7 @@ from dolfinx_frontend.decks.running import (
 from dolfinx_frontend.decks.schema import json_schema
 from dolfinx_frontend.decks.settings import Deck
 from dolfinx_frontend.decks.showing import Life, outlook, shown
-from dolfinx_frontend.decks.writing import relative, write_deck
+from dolfinx_frontend.decks.writing import write_deck
 from dolfinx_frontend.geometry.step import read_step
 from dolfinx_frontend.solving import export
 
@@ -137,7 +137,7 @@ def _new(given: argparse.Namespace) -> int:
     if deck.exists() and not given.force:
         raise DeckError(f"{deck} is there already: choose another name, or replace it with --force")
     step = read_step(given.step)
-    write_text(deck, proposed(step, relative(given.step, deck.parent), deck.name))
+    write_text(deck, proposed(step, deck.parent, deck.name))
     print(f"wrote {deck}: {len(step.solids)} parts, {len(step.interfaces)} interfaces; edit it, then: "
           f"latin check {deck}")
     return DONE

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from dolfinx_frontend.decks.writing import quoted
+from pathlib import Path
+
+from dolfinx_frontend.common.recorded import Call, made_by
+from dolfinx_frontend.decks.words import OF_STEP
+from dolfinx_frontend.decks.writing import Writer, quoted
 from dolfinx_frontend.geometry.step import StepAssembly
 
 __all__ = ["proposed"]
@@ -14,9 +18,9 @@ _HEAD = """\
 units = ["mm", "N"]    # OpenCASCADE converts to millimetres: stresses are MPa
 
 [run]
+{times}
 # accuracy = 0.01      # of the answer, with its meshes; or
 # samples = 128        # Sobol points, a power of two, where something is random
-# times = [1.0, 2.0]   # of a load history
 # max_seconds = 600
 
 # [[quantity]]         # a number of the tables that the report has, with its probability
@@ -24,38 +28,58 @@ units = ["mm", "N"]    # OpenCASCADE converts to millimetres: stresses are MPa
 # unit = "MPa"
 # above = 100.0
 
-# [random]
-# mu = {{ lognormal = {{ mean = 0.15, cov = 0.1 }} }}    # then: friction = "mu"
-
 # [amplitude.load]
 # times = [1, 2]
 # values = [0, 1]      # then: force = {{ amplitude = "load", value = [0, 0, 1000] }}
 """
+_PROPOSED = ("material", "size", "join", "leave")
 
 
-def proposed(step: StepAssembly, file: str, deck: str) -> str:
-    """The text of a deck, in whose folder the file has this name."""
-    names = list(step.interfaces)
-    head = _HEAD.format(deck=deck, interface=names[0] if names else "joint")
-    lines = [head, "[step]", f"path = {quoted(file)}"]
-    lines += ["# cuts = [{ parts = \"bolt *\", normal = [0, 0, 1] }]    # pretension sections of bolts", ""]
-    lines += [f"# {row}".rstrip() for row in str(step).splitlines()]
-    lines += ["", "[[step.material]]", 'pattern = "*"', 'material = "LinearElastic"',
-              "E = 210e3    # steel; N/mm^2", "nu = 0.3"]
-    for name, solid in step.solids.items():
-        size = f"size = {solid.thickness:.3g}    # of cells, mm"
-        lines += ["", "[[step.size]]", f"pattern = {quoted(name)}", size]
-    for name in names:
-        touch = step.touches[name]
-        lines += ["", "[[step.join]]", f"pattern = {quoted(name)}",
-                  f"# {touch.kind}, {touch.area:.4g} mm^2, gap {touch.gap:.3g} mm",
-                  'law = "Perfect"    # or: law = "Contact", friction = 0.15; law = "Preload", force = 10e3']
+def proposed(step: StepAssembly, folder: Path, deck: str) -> str:
+    """The text of a deck in a folder: what parts are taken for, and a scene without supports and loads."""
+    made = step.proposal()
+    names = list(made.interfaces)
+    bolted = any(touch.kind == "cut" for touch in made.touches.values())
+    times = "times = [1.0, 2.0]    # bolts are tightened until 1"
+    if not bolted:
+        times = "# times = [1.0, 2.0]  # of a load history"
+    head = _HEAD.format(deck=deck, interface=names[0] if names else "joint", times=times)
+    writer = Writer(folder)
+    body: list[str] = []
+    call = made_by(made)
+    assert call is not None
+    lines = writer.call(Call("step", {**call.arguments, "calls": (), "mesh": {}}))
+    for each in made.journal:
+        if each.name in _PROPOSED:
+            pattern = str(each.arguments["pattern"])
+            kind = "join" if each.name == "leave" else each.name
+            body += ["", f"[[step.{each.name}]]", *_reason(made, kind, pattern),
+                     *writer.keys(writer.arguments(each, OF_STEP[each.name]))]
+    for part, solid in made.solids.items():
+        if part not in made._sizes:
+            body += ["", "[[step.size]]", f"pattern = {quoted(part)}",
+                     f"size = {solid.thickness:.3g}    # of cells, mm"]
+    comments = ["", *(f"# {row}".rstrip() for row in str(step).splitlines())]
+    text = "\n".join([head, *writer.named(), *lines, *comments, *body, *_beside(made)])
+    return text.replace("\n\n\n", "\n\n") + "\n"
+
+
+def _reason(step: StepAssembly, kind: str, pattern: str) -> list[str]:
+    """Why this is proposed, as a comment."""
+    why = step.why.get((kind, pattern), "")
+    touch = step.touches.get(pattern) if kind == "join" else None
+    if touch is not None:
+        why = f"{touch.kind}, {touch.area:.4g} mm^2, gap {touch.gap:.3g} mm: {why}"
+    return [f"# {why}"] if why else []
+
+
+def _beside(step: StepAssembly) -> list[str]:
+    """What is left to the user."""
     free = [(s, part) for part, solid in step.solids.items() for s in solid.surfaces]
     low = min(free, key=lambda each: each[0].centre[2])[0]
-    lines += ["", "# Free faces, by their numbers:",
-              *(f"# {row}".rstrip() for row in step.faces().splitlines()),
-              "", "# [[step.face]]      # a name for faces that are held or loaded",
-              f"# name = {quoted(f'{low.part}:support')}", f"# tags = [{low.tag}]",
-              "", "# [[fix]]", f"# faces = {quoted(f'{low.part}:support')}",
-              "", "# [[force]]", '# face = "PART:FACE"', "# force = [0.0, 0.0, 1000.0]    # N"]
-    return "\n".join(lines) + "\n"
+    return ["", "# Free faces, by their numbers:",
+            *(f"# {row}".rstrip() for row in step.faces().splitlines()),
+            "", "# [[step.face]]      # a name for faces that are held or loaded",
+            f"# name = {quoted(f'{low.part}:support')}", f"# tags = [{low.tag}]",
+            "", "# [[fix]]", f"# faces = {quoted(f'{low.part}:support')}",
+            "", "# [[force]]", '# face = "PART:FACE"', "# force = [0.0, 0.0, 1000.0]    # N"]

@@ -67,7 +67,7 @@ def deck_text(
     scene.journal.compare(scene.in_journal())
     if not scene.journal.complete:
         raise SceneError("to_deck: the scene was changed without its methods, or in one that failed")
-    writer = _Writer(folder)
+    writer = Writer(folder)
     body = [line for call in scene.journal for line in writer.call(call)]
     top: dict[str, Any] = {"title": title or None, "units": list(units) if units else None}
     top["axisymmetric"] = True if scene.axisymmetric else None
@@ -82,7 +82,7 @@ def deck_text(
     return "\n".join([*lines, *body]).lstrip("\n") + "\n"
 
 
-class _Writer:
+class Writer:
     """Turns values into what TOML has; collects the random numbers and amplitudes that they use."""
 
     def __init__(self, folder: Path) -> None:
@@ -96,14 +96,14 @@ class _Writer:
         """The table of a call of the scene."""
         if call.name == "step":
             return self._step(call.arguments)
-        given = self._arguments(call, METHODS[call.name])
+        given = self.arguments(call, METHODS[call.name])
         if call.name in NAMED:
             header = f"[{call.name}.{_key(str(given.pop('name')))}]"
         else:
             header = f"[[{call.name}]]"
         return ["", header, *self.keys(given)]
 
-    def _arguments(self, call: Call, method: Any) -> dict[str, Any]:
+    def arguments(self, call: Call, method: Any) -> dict[str, Any]:
         found: dict[str, Any] = {}
         known = words(method)
         for name, value in call.arguments.items():
@@ -127,7 +127,7 @@ class _Writer:
         own = {"path": path, **{k: self.value(v, f"to_deck: {k} of read_step") for k, v in reading.items()}}
         lines = ["", "[step]", *self.keys(own), f"mesh = {_text(self.value(given['mesh'], 'to_deck'))}"]
         for call in given["calls"]:
-            lines += ["", f"[[step.{call.name}]]", *self.keys(self._arguments(call, OF_STEP[call.name]))]
+            lines += ["", f"[[step.{call.name}]]", *self.keys(self.arguments(call, OF_STEP[call.name]))]
         return lines
 
     def _part(self, part: Any, where: str) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from dolfinx_frontend.geometry.msh import checked_copy
 from dolfinx_frontend.geometry.session import gmsh_session
 from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut, Loaded, Solid, load, nearest, solids_of
-from dolfinx_frontend.geometry.touching import Touch, touching
+from dolfinx_frontend.geometry.touching import Touch, close_faces, touching
 
 __all__ = ["TASKS", "Recipe", "Source", "Survey"]
 
@@ -30,6 +30,10 @@ Say = Callable[[str], None]
 
 GAP = 1e-4
 """Default gap up to which faces count as nearly touching, relative to the diagonal of the assembly."""
+
+
+CLOSE = 0.5
+"""Distance of faces that may have been meant to touch, mm."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,8 @@ class Survey:
         Solids that could not be read, in words.
     outside
         Names of other files that the file refers to.
+    close
+        Plane faces that are up to `CLOSE` apart, but more than `gap`.
     """
 
     solids: dict[str, Solid]
@@ -68,6 +74,7 @@ class Survey:
     alone: tuple[str, ...]
     lost: tuple[str, ...]
     outside: tuple[str, ...]
+    close: tuple[Touch, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,8 @@ def survey(say: Say, source: Source, gap: float | None) -> Survey:
         used = {p for t in touches for p in t.parts}
         lonely = [n for n in solids if n not in used] if len(solids) > 1 else []
         alone = tuple(nearest(gmsh.model, loaded, solids, [n], reach, 1)[0] for n in lonely)
-        return Survey(solids, touches, reach, alone, loaded.lost, loaded.outside)
+        close = close_faces(gmsh, loaded, solids, touches, CLOSE) if reach < CLOSE else []
+        return Survey(solids, touches, reach, alone, loaded.lost, loaded.outside, tuple(close))
 
 
 def mesh(say: Say, source: Source, recipe: Recipe) -> Meshed:

@@ -20,9 +20,10 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -43,12 +44,16 @@ from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.common.recorded import Call, Journal, journaled, made_by, recorded
 from dolfinx_frontend.geometry.away import TIMEOUT, alone, away, check_timeout
 from dolfinx_frontend.geometry.exchange import check_begin
+from dolfinx_frontend.geometry.fits import misfits
 from dolfinx_frontend.geometry.gmsh import assembled
 from dolfinx_frontend.geometry.meshing import FLAT, some
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.reading import Recipe, Source, Survey
+from dolfinx_frontend.geometry.recognition import KINDS, Finding, forced, recognised
+from dolfinx_frontend.geometry.shapes import Body, bodies
 from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut, Solid, Surface, matching, vector
+from dolfinx_frontend.geometry.threads import size_of
 from dolfinx_frontend.geometry.touching import Touch
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
@@ -113,9 +118,15 @@ class StepAssembly:
     _named: dict[tuple[str, str], tuple[int, ...]] = field(default_factory=dict)
     _faces: dict[str, tuple[str, str]] = field(default_factory=dict)
     _alone: tuple[str, ...] = ()
+    _close: tuple[Touch, ...] = ()
+    _overruled: dict[str, Finding] = field(default_factory=dict)
+
+    proposal: ClassVar[Callable[..., StepAssembly]]  # of the module of that name, which stands above
+    propose: ClassVar[Callable[..., Scene]]
 
     def __post_init__(self) -> None:
         self.journal = Journal()
+        self.why: dict[tuple[str, str], str] = {}
         self._taken = _contact_faces(self.touches.values())
         for (part, face), tags in self._taken.items():
             for name, touch in self.touches.items():
@@ -246,6 +257,54 @@ class StepAssembly:
             found.append(f"{part}:{face}")
         return tuple(found)
 
+    # -- what parts are taken for ----------------------------------------------------------------
+    def is_bolt(self, part: str, size: str | None = None) -> None:
+        """A part is a bolt or stud, whatever it was taken for; `size` is its thread, ``"M12"``."""
+        self.is_a(part, "bolt", size)
+
+    def is_a(self, part: str, kind: str, size: str | None = None) -> None:
+        """A part is of a kind ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet").
+
+        Raises
+        ------
+        SceneError
+            A part, kind or size that there is not, with near ones; a bolt without a shank.
+        """
+        known = self._recognised[0]
+        if part not in known:
+            raise unknown_name("part", part, known, f"is_{kind}" if kind == "bolt" else "is_a")
+        if kind not in KINDS:
+            raise unknown_name("kind of part", kind, KINDS, f"is_a {part!r}")
+        found = forced(known[part], kind, None if size is None else size_of(size, f"is_{kind} {part!r}"))
+        if found.shank is None and kind in ("bolt", "stud", "dowel"):
+            raise SceneError(f"{part!r} cannot be a {kind}: it has no round shank; name another part")
+        self._overruled[part] = found
+
+    def is_not(self, part: str) -> None:
+        """A part is no fastener, gasket or sheet, whatever it was taken for."""
+        if part not in self._recognised[0]:
+            raise unknown_name("part", part, self._recognised[0], "is_not")
+        self._overruled[part] = Finding(part, reasons=("said so",))
+
+    @property
+    def found(self) -> dict[str, Finding]:
+        """Part -> what it is taken for, and why; halves of a part that was cut are one."""
+        return {**self._recognised[1], **self._overruled}
+
+    @property
+    def misfits(self) -> list[str]:
+        """Sentences that say what does not fit, and what may be done about it."""
+        return misfits(self.found, self.touches.values(), self._close)
+
+    @cached_property
+    def _recognised(self) -> tuple[dict[str, Body], dict[str, Finding]]:
+        whole = bodies(self.solids, self.touches.values())
+        return whole, recognised(whole, self.touches.values())
+
+    def take(self, found: Mapping[str, Finding]) -> None:
+        """Parts are what another reading of the file has found."""
+        self._overruled |= found
+
     # -- what the user sees ----------------------------------------------------------------------
     @property
     def interfaces(self) -> tuple[str, ...]:
@@ -290,6 +349,11 @@ class StepAssembly:
         if len(contacts) > 1:
             lines += ["", *columns(_merged(contacts), "<<>><<")]
         lines += [f"nothing touches: {text}" for text in self._alone]
+        taken: list[tuple[str, ...]] = [("part", "taken for", "why")]
+        taken += [(n, f.title, "; ".join(f.reasons)) for n, f in self.found.items() if f.kind]
+        if len(taken) > 1:
+            lines += ["", *columns(_merged(taken), "<<<")]
+        lines += [f"does not fit: {text}" for text in self.misfits]
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -534,7 +598,8 @@ def read_step(
             SceneWarning,
         )
     touches = {t.name: t for t in found.touches}
-    return StepAssembly(file, found.solids, touches, found.gap, source, _alone=found.alone)
+    alone, close = found.alone, found.close
+    return StepAssembly(file, found.solids, touches, found.gap, source, _alone=alone, _close=close)
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any, Literal
 
@@ -28,12 +28,18 @@ from dolfinx_frontend.geometry.solids import (
     vector,
 )
 
-__all__ = ["Kind", "Touch", "touching"]
+__all__ = ["Kind", "Touch", "close_faces", "touching"]
 
 Kind = Literal["touching", "near", "cut"]
 
 _OPPOSED = -0.5
 """Two faces face each other where the product of their outward normals is below this."""
+
+_PARALLEL = 1e-6
+"""Sine of the angle of two axes that are parallel."""
+
+_WITHIN_RIMS = ("plane", "cylinder", "cone")
+"""Kinds of faces that lie within the hull of their edges."""
 
 _SLIVER = 1e-6
 """Fraction of a face below which a pair of faces makes no interface."""
@@ -173,6 +179,21 @@ class _Facing:
     normal: Array
 
 
+def close_faces(
+    gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], touches: Sequence[Touch], gap: float
+) -> list[Touch]:
+    """Plane faces within a gap that are in no touch, where one covers half of the other."""
+    taken = {tag for touch in touches for side in touch.surfaces for tag in side}
+    plane = {
+        name: replace(s, surfaces=tuple(f for f in s.surfaces if f.kind == "plane" and f.tag not in taken))
+        for name, s in solids.items()
+    }
+    where = {f.tag: [f] for s in plane.values() for f in s.surfaces}
+    found = _near(gmsh, loaded, plane, where, gap)
+    area = {tag: f.area for tag, (f,) in where.items()}
+    return [t for t in found if t.area > 0.5 * min(sum(area[n] for n in side) for side in t.surfaces)]
+
+
 def _near(
     gmsh: Any,
     loaded: Loaded,
@@ -219,23 +240,50 @@ def _near(
     return found
 
 
+def _ball(surface: Surface) -> tuple[Array, float]:
+    """Centre and radius of a ball around a face."""
+    points, room = np.array([surface.low, surface.high]), 1.0
+    if surface.kind in ("plane", "cylinder") and len(surface.rim):
+        points, room = surface.rim, 1.1  # between the points of a rim it may reach further
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return centre, room * float(np.linalg.norm(points - centre, axis=1).max())
+
+
+def _reaches(first: Surface, second: Surface, ball: float, gap: float) -> bool:
+    """Whether a face comes to the wall of a cylinder: not beyond its ends, nor well inside."""
+    if first.kind != "cylinder" or second.kind not in _WITHIN_RIMS:
+        return True
+    along, other = (first.rim - first.origin) @ first.axis, (second.rim - first.origin) @ first.axis
+    slack = gap + 0.1 * ball * (second.kind != "plane")  # between the points of a rim it may reach further
+    if other.min() - along.max() > slack or along.min() - other.max() > slack:
+        return False
+    across = second.rim - first.origin - np.outer(other, first.axis)
+    return bool(np.linalg.norm(across, axis=1).max() >= (first.radius or 0.0) - gap - 0.1 * ball)
+
+
 def _may_face(first: Surface, second: Surface, gap: float) -> bool:
     """False if two faces cannot be closer than the gap: a cheap test for planes and cylinders."""
     kinds = (first.kind, second.kind)
+    (here, r1), (there, r2) = _ball(first), _ball(second)
+    if float(np.linalg.norm(there - here)) > r1 + r2 + gap:
+        return False
+    if not _reaches(first, second, r2, gap) or not _reaches(second, first, r1, gap):
+        return False
     small = 1e-9 * (1.0 + float(np.abs(first.centre).max()))
     if kinds == ("plane", "plane"):
         opposed = float(first.normal @ second.normal) < _OPPOSED
-        return opposed and _within(first, second, gap)
+        return opposed and _within(first, second, gap) and _within(second, first, gap)
     if kinds == ("cylinder", "cylinder"):
         assert first.radius is not None and second.radius is not None
-        if np.linalg.norm(np.cross(first.axis, second.axis)) > 1e-9:
+        if np.linalg.norm(np.cross(first.axis, second.axis)) > _PARALLEL:
             return True
-        offset = second.centre - first.centre
-        # centres of whole cylinders are on the axis, those of sectors are not
+        offset = second.origin - first.origin
         apart = float(np.linalg.norm(offset - (offset @ first.axis) * first.axis))
-        if apart > 1e-6 * first.radius:
-            return True
-        return abs(first.radius - second.radius) <= gap + small
+        if first.hollow != second.hollow:
+            # a shaft in a hole that is wider, wherever in it
+            room = (first.radius - second.radius) * (1.0 if first.hollow else -1.0)
+            return abs(room) - apart <= gap + small
+        return first.hollow or abs(apart - first.radius - second.radius) <= gap + small
     if set(kinds) == {"plane", "cylinder"}:
         plane, round_ = (first, second) if first.kind == "plane" else (second, first)
         along = float(plane.normal @ round_.axis)
@@ -245,10 +293,18 @@ def _may_face(first: Surface, second: Surface, gap: float) -> bool:
 
 
 def _within(first: Surface, second: Surface, gap: float) -> bool:
-    """Whether some corner of the box of a plane face is within the gap of the plane of the other."""
-    corners = np.array(np.meshgrid(*zip(second.low, second.high, strict=True))).reshape(3, -1).T
-    distance = (corners - first.centre) @ first.normal
-    return bool(distance.min() <= 1.1 * gap + 1e-9 and distance.max() >= -1.1 * gap - 1e-9)
+    """Whether a plane or cylinder comes within the gap of the plane of another face."""
+    slack = gap + 1e-9 * (1.0 + float(np.abs(first.centre).max()))
+    points, reach = second.rim, 0.0
+    if second.kind == "cylinder":
+        t = (points - second.origin) @ second.axis
+        points = second.origin + np.outer([t.min(), t.max()], second.axis)
+        along = float(first.normal @ second.axis)
+        reach = (second.radius or 0.0) * math.sqrt(max(0.0, 1.0 - along**2))
+    elif second.kind != "plane":
+        points = np.array(np.meshgrid(*zip(second.low, second.high, strict=True))).reshape(3, -1).T
+    distance = (points - first.centre) @ first.normal
+    return bool(distance.min() - reach <= slack and distance.max() + reach >= -slack)
 
 
 def _triangulate(gmsh: Any, solids: Mapping[str, Solid], tags: Sequence[int]) -> dict[int, Array]:
@@ -378,8 +434,11 @@ def _near_touches(
         order = (0, 1) if own[0] <= own[1] * (1.0 + 1e-9) else (1, 0)
         each = [facing[p] for p in pairs]
         if order == (1, 0):
-            turned = (measure(by_tag[1][two], by_tag[0][one]) for one, two in pairs)
-            each = [f for f in turned if f is not None]
+            turned = [measure(by_tag[1][two], by_tag[0][one]) for one, two in pairs]
+            if any(turned):
+                each = [f for f in turned if f is not None]
+            else:  # as little as the triangles of one side see, and those of the other do not
+                order = (0, 1)
         area = sum(f.area for f in each)
         mean = np.asarray(sum(f.area * f.normal for f in each)) / area
         normal = unit(mean) if np.linalg.norm(mean) > 0.1 else np.zeros(3)

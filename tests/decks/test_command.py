@@ -386,6 +386,7 @@ def test_a_step_file_becomes_a_deck(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(["new", str(tmp_path / "two.step"), "-o", str(deck)]) == 2
     assert "--force" in capsys.readouterr().err
     text = deck.read_text()
+    assert "no bolt clamps these two: tied" in text
     assert "law = \"Perfect\"" in text and "# [[step.face]]" in text
     start = text.index("# [[step.face]]")
     proposal = "\n".join(row.removeprefix("# ") for row in text[start:].splitlines())

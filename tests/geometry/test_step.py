@@ -338,7 +338,7 @@ def test_solids_that_overlap(tmp_path: Path, imprint: bool) -> None:
         occ.addBox(9, 0, 0, 4, 10, 10)
 
     path = write(tmp_path / "overlap.step", build, ("plate", "bolt"))
-    wanted = r"solids overlap: 'plate' and 'bolt' by 100 \(25 % of the smaller one\)"
+    wanted = r"overlap: 'plate' and 'bolt' by 100 \(25 % of the smaller one\), some 0.83 mm over 120 mm"
     with pytest.raises(SceneError, match=wanted):
         read_step(path, imprint=imprint)
 

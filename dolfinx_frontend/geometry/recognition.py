@@ -1,0 +1,571 @@
+"""What a part is taken for, and why: bolts, studs, nuts, washers, dowels, gaskets and thin sheets.
+
+The shape decides: what a part is turned of, in ratios to the diameter of its thread, and what goes through
+it; so neither the size nor the place of an assembly matters. A name decides among kinds that the shape
+allows, and stands for a neighbour that is not there; it makes no bolt of a plate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.geometry.naming import named_kind, named_size
+from dolfinx_frontend.geometry.shapes import Body, Face, Station, Turned, turned
+from dolfinx_frontend.geometry.threads import Size, nearest_size
+from dolfinx_frontend.geometry.touching import Touch
+
+__all__ = ["FASTENERS", "KINDS", "Finding", "Passage", "Shank", "forced", "recognised", "threads"]
+
+KINDS = ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet")
+FASTENERS = ("bolt", "stud", "nut", "washer", "dowel")
+
+_FITS = 1.01
+"""Hole over shank up to which they are a thread or a fit."""
+_LOOSE = 1.4
+"""Up to which the shank goes through the hole; the coarse series of ISO 273 has 1.2."""
+_TURNED = 0.85
+"""Fraction of a fastener's area that lies around its axis."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """Least and greatest ratio of what a kind has; the tables of ISO, and some room."""
+
+    low: float
+    high: float
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+
+_HEAD, _HEIGHT, _SHANK = Span(1.3, 2.4), Span(0.25, 1.7), Span(0.6, 60.0)
+"""Width and height of a head, length of a shank, in diameters of the thread."""
+_ACROSS, _NUT, _RING_NUT = Span(1.35, 2.4), Span(0.3, 1.7), Span(0.4, 1.5)
+"""Width and height of a nut in diameters of its hole; a round one is told from a washer by its height."""
+_WASHER, _WASHER_HEIGHT = Span(1.25, 4.0), Span(0.0, 0.3)
+_THREADED = Span(0.77, 1.02)
+"""Diameters along a shank over the largest: the core of M3 is at 0.8. What is wider by as much is a head."""
+_THIN = 0.05
+"""Thickness of a sheet over its extent."""
+_GASKET = 0.4
+"""Thickness of a gasket over those of the parts beside."""
+_COVERED = 0.4
+"""Fraction of each side of a gasket on which another part lies."""
+
+
+@dataclass(frozen=True)
+class Shank:
+    """Of a bolt or stud, along its axis.
+
+    Attributes
+    ----------
+    d
+        Diameter.
+    low, high
+        Where it begins and ends; at a head it begins under it.
+    heads
+        Ends (-1: the lower one, 1) at which there is a head.
+    width, height
+        Of the head, across flats or its diameter; 0: none.
+    drive
+        Outer hexagon or a recess, in words; empty: neither.
+    """
+
+    d: float
+    low: float
+    high: float
+    heads: tuple[int, ...] = ()
+    width: float = 0.0
+    height: float = 0.0
+    drive: str = ""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A hole of another part that a shank goes through.
+
+    Attributes
+    ----------
+    part
+        The other part.
+    tags
+        Numbers of the faces of the hole.
+    ratio
+        Diameter of the hole over that of the shank.
+    low, high
+        Where, along the axis of the shank.
+    """
+
+    part: str
+    tags: frozenset[int]
+    ratio: float
+    low: float
+    high: float
+
+    @property
+    def fits(self) -> bool:
+        """Whether they touch all around: a thread or a fit."""
+        return self.ratio <= _FITS
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a part is taken for.
+
+    Attributes
+    ----------
+    kind
+        One of `KINDS`; empty: an ordinary part.
+    size
+        Of its thread, or of the one that it belongs to; None: not known.
+    reasons
+        Why, in words.
+    missing
+        What it lacks, if it looks like a fastener but for one thing.
+    shank, axis, origin, passages
+        Of bolts, studs and dowels.
+    """
+
+    part: str
+    kind: str = ""
+    size: Size | None = None
+    reasons: tuple[str, ...] = ()
+    missing: str = ""
+    shank: Shank | None = None
+    axis: Array = field(default_factory=lambda: np.zeros(3), repr=False)
+    origin: Array = field(default_factory=lambda: np.zeros(3), repr=False)
+    passages: tuple[Passage, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """``"bolt M12"``."""
+        return " ".join(filter(None, (self.kind, self.size.name if self.size else "")))
+
+
+@dataclass(frozen=True)
+class _View:
+    """A part, as the tests of all kinds see it."""
+
+    body: Body
+    turned: Turned | None
+    shank: Shank | None
+    named: str
+    around: Mapping[str, _View] = field(default_factory=dict, repr=False)
+    passages: tuple[Passage, ...] = ()
+    through: tuple[tuple[_View, float], ...] = ()
+    """Shanks in the hole around its axis, with the ratio of the hole to them."""
+
+
+def recognised(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> dict[str, Finding]:
+    """What each part is taken for."""
+    views = {name: _seen(body) for name, body in bodies.items()}
+    holes = [(name, f) for name, b in bodies.items() for f in b.faces if f.kind == "cylinder"
+             and f.first.hollow]
+    passing = {n: _passages(v, holes) for n, v in views.items() if v.shank is not None}
+    views = {n: replace(v, passages=passing.get(n, ()), around=views) for n, v in views.items()}
+    inside: dict[str, list[tuple[_View, float]]] = {}
+    for name, found in passing.items():
+        for each in found:
+            own = views[each.part].turned
+            if own is not None and any(each.tags & f.tags for s in own.inside for f in s.faces):
+                inside.setdefault(each.part, []).append((views[name], each.ratio))
+    views = {n: replace(v, through=tuple(inside.get(n, ()))) for n, v in views.items()}
+    sides = _covers(bodies, list(touches))
+    out = {}
+    for name, view in views.items():
+        tried = [kind(view) for kind in (_bolt, _stud, _nut, _washer, _dowel)]
+        tried += [flat(view, sides) for flat in (_gasket, _sheet)]
+        kinds = [f for f in tried if f.kind]
+        by_name = [f for f in kinds if f.kind == view.named]
+        best = (by_name or kinds or [f for f in tried if f.missing] or [Finding(name)])[0]
+        if by_name:
+            best = replace(best, reasons=(*best.reasons, f"named so ({name!r})"))
+        out[name] = best
+    return out
+
+
+def forced(body: Body, kind: str, size: Size | None) -> Finding:
+    """A part that is of a kind because a user says so."""
+    view = _seen(body)
+    base = _of_shank(view, kind) if view.shank is not None else Finding(body.name, kind)
+    return replace(base, size=size or base.size, reasons=("said so",))
+
+
+def threads(found: Finding) -> dict[int, list[Passage]]:
+    """End of a shank without a head (-1: the lower one, 1) -> holes of the part that holds it there.
+
+    Other holes that it fits are fits.
+    """
+    out: dict[int, list[Passage]] = {-1: [], 1: []}
+    fits = [p for p in found.passages if p.fits]
+    if found.shank is None or not fits:
+        return out
+    for end in {-1, 1} - set(found.shank.heads):
+        last = max(fits, key=lambda p: end * (p.low + p.high))
+        out[end] = [p for p in fits if p.part == last.part]
+    return out
+
+
+def _seen(body: Body) -> _View:
+    seen = turned(body)
+    shank = None if seen is None or seen.share < _TURNED else _shank(seen)
+    return _View(body, seen, shank, named_kind(body.name))
+
+
+# -- shapes --------------------------------------------------------------------------------------
+def _shank(seen: Turned) -> Shank | None:
+    """The shank of a bolt, stud or pin: of all ways to see one, that with the longest."""
+    if seen.hole is not None:
+        return None
+    widths = {s.width for s in seen.outside if not s.hexagon and not s.cone}
+    tried = [s for d in widths if (s := _as_shank(seen, d)) is not None]
+    return max(tried, key=lambda s: (s.high - s.low, s.d)) if tried else None
+
+
+def _as_shank(seen: Turned, d: float) -> Shank | None:
+    """Seen as a shank of this diameter with heads at its ends; None: it is not."""
+    wide = [s for s in seen.outside if s.hexagon or s.width > d / _THREADED.low]
+    rest = [s for s in seen.outside if s not in wide]
+    if any(s.width > _THREADED.high * d for s in rest):
+        return None
+    if sum(s.length for s in rest if s.width >= _THREADED.low * d or s.cone) < 0.8 * sum(s.length
+                                                                                         for s in rest):
+        return None
+    clusters = _clusters(wide, 0.1 * d)
+    if len(clusters) > 2:
+        return None
+    below = next((c for c in clusters if c[0].low <= seen.low + 0.1 * d), None)
+    above = next((c for c in clusters if max(s.high for s in c) >= seen.high - 0.1 * d and c is not below),
+                 None)
+    inner = [c for c in clusters if c is not below and c is not above]
+    if clusters and below is None and above is None:
+        return None
+    if inner and above is None:  # a nut that is a part of it, from which the tip of the thread looks out
+        above = inner[0]
+    elif inner:
+        below = inner[0]
+    heads = tuple(side for side, each in ((-1, below), (1, above)) if each)
+    low = max(s.high for s in below) if below else seen.low
+    high = min(s.low for s in above) if above else seen.high
+    if not low < high:
+        return None
+    head = below if below and below not in inner else above
+    if head is None:
+        return Shank(d, low, high, drive=_recess(seen, seen.low, seen.high, d))
+    width = max([s.width for s in head if s.hexagon] or [s.width for s in head])
+    top, bottom = min(s.low for s in head), max(s.high for s in head)
+    hexagon = any(s.hexagon for s in wide)
+    drive = "hexagon" if hexagon else _recess(seen, top, bottom, d)
+    return Shank(d, low, high, heads, width, bottom - top, drive)
+
+
+def _clusters(stations: Iterable[Station], slack: float) -> list[list[Station]]:
+    """Stations that follow one another without a gap."""
+    out: list[list[Station]] = []
+    for each in stations:
+        if out and each.low <= max(s.high for s in out[-1]) + slack:
+            out[-1].append(each)
+        else:
+            out.append([each])
+    return out
+
+
+def _recess(seen: Turned, low: float, high: float, d: float) -> str:
+    """A socket at the end of a part."""
+    found = [s for s in seen.inside if s.low >= low - 0.1 * d and s.high <= high + 0.8 * d]
+    ends = [s for s in found if min(s.low - seen.low, seen.high - s.high) < 0.05 * d]
+    return "hexagon socket" if any(s.hexagon for s in ends) else "recess" if ends else ""
+
+
+def _passages(view: _View, holes: Iterable[tuple[str, Face]]) -> tuple[Passage, ...]:
+    """Holes of other parts that a shank goes through; of a slot its round ends."""
+    seen, shank = view.turned, view.shank
+    assert seen is not None and shank is not None
+    r, out = 0.5 * shank.d, list[Passage]()
+    for part, face in holes:
+        first = face.first
+        radius = first.radius or 0.0
+        if part == view.body.name or not 0.97 * r <= radius <= _LOOSE * r:
+            continue
+        if float(np.linalg.norm(np.cross(first.axis, seen.axis))) > 1e-3:
+            continue
+        offset = first.origin - seen.origin
+        apart = float(np.linalg.norm(offset - (offset @ seen.axis) * seen.axis))
+        along = (face.rim - seen.origin) @ seen.axis
+        low, high = max(float(along.min()), shank.low), min(float(along.max()), shank.high)
+        whole = face.area > 0.9 * 2.0 * math.pi * radius * float(np.ptp(along))
+        near = radius - r + 0.05 * r if whole else 5.0 * r
+        if apart <= near and high - low > 0.02 * shank.d:
+            slot = whole or apart <= radius - r + 0.05 * r
+            ratio = radius / r if slot else max(radius / r, _FITS + 0.01)
+            out.append(Passage(part, face.tags, ratio, low, high))
+    return tuple(sorted(out, key=lambda p: p.low))
+
+
+# -- kinds ---------------------------------------------------------------------------------------
+def _judged(view: _View, kind: str, tests: Iterable[tuple[bool, str]], found: Finding) -> Finding:
+    """Found if no test fails; if only one does, what is missing."""
+    failed = [text for passed, text in tests if not passed]
+    if not failed:
+        return found
+    if len(failed) == 1:
+        return Finding(view.body.name, missing=f"looks like a {kind} but {failed[0]}")
+    return Finding(view.body.name)
+
+
+def _of_shank(view: _View, kind: str) -> Finding:
+    seen, shank = view.turned, view.shank
+    assert seen is not None and shank is not None
+    rings = [_ring(view.around[p.part]) for p in view.passages if p.fits] if shank.drive != "hexagon" else []
+    nuts = [ring[1] for ring in rings if ring is not None and ring[3]]
+    across = shank.width if shank.drive == "hexagon" else min(nuts) if nuts else None
+    size = _sized(view, shank.d, across)
+    reasons = [f"shank of {shank.d:.4g} mm, {shank.high - shank.low:.4g} mm long"]
+    if shank.heads:
+        head = f"{shank.drive or 'round'} head of {shank.width:.4g} x {shank.height:.4g} mm"
+        reasons.append(head + ("" if len(shank.heads) == 1 else ", at both ends: its nut is a part of it"))
+    return Finding(view.body.name, kind, size, tuple(reasons), "", shank, seen.axis, seen.origin,
+                   view.passages)
+
+
+def _sized(view: _View, d: float, across: float | None) -> Size | None:
+    """The thread: that of the name, where the diameter is near it."""
+    named = named_size(view.body.name)
+    if named is not None and abs(d / named.d - 1.0) < 0.2:
+        return named
+    return nearest_size(d, across) or nearest_size(d)
+
+
+def _clamped(view: _View) -> tuple[list[Passage], list[Passage]]:
+    """Holes that a shank passes with clearance, and those of other parts further on that hold it."""
+    shank = view.shank
+    assert shank is not None
+    loose = [p for p in view.passages if not p.fits]
+    way = -shank.heads[0] if shank.heads else 0
+    held = [
+        p for p in view.passages
+        if p.fits and any(q.part != p.part and way * (p.low + p.high - q.low - q.high) >= 0.0 for q in loose)
+    ]
+    return loose, held
+
+
+def _bolt(view: _View) -> Finding:
+    """A shank with a head that a key fits, or that clamps something between head and thread."""
+    shank = view.shank
+    if shank is None or not shank.heads:
+        return Finding(view.body.name)
+    d = shank.d
+    loose, held = _clamped(view)
+    grip = bool(shank.drive or held or len(shank.heads) == 2 and loose or view.named in ("bolt", "stud"))
+    tests = (
+        (shank.width / d in _HEAD, f"its head is {shank.width / d:.2f} diameters wide"),
+        (shank.height / d in _HEIGHT, f"its head is {shank.height / d:.2f} diameters high"),
+        ((shank.high - shank.low) / d in _SHANK, f"it is {(shank.high - shank.low) / d:.2f} diameters long"),
+        (grip, "its head has no hexagon and no socket, and no nut or thread holds its shank"),
+    )
+    found = _of_shank(view, "bolt")
+    if loose:
+        found = replace(found, reasons=(*found.reasons, f"goes through {_named(p.part for p in loose)}"))
+    if held:
+        found = replace(found, reasons=(*found.reasons, f"is held by {_named(p.part for p in held)}"))
+    return _judged(view, "bolt", tests, found)
+
+
+def _stud(view: _View) -> Finding:
+    """A shank without a head that has a nut."""
+    shank = view.shank
+    if shank is None or shank.heads:
+        return Finding(view.body.name)
+    loose, _ = _clamped(view)
+    nuts = [p.part for p in view.passages if p.fits and _like_nut(view.around[p.part])]
+    enough = bool(nuts and loose) or len(set(nuts)) >= 2 or view.named in ("stud", "bolt")
+    tests = (
+        ((shank.high - shank.low) / shank.d in Span(1.5, _SHANK.high), "is too short"),
+        (enough, "no nut is on it"),
+    )
+    found = _of_shank(view, "stud")
+    if nuts:
+        found = replace(found, reasons=(*found.reasons, f"has the nuts {_named(nuts)}"))
+    judged = _judged(view, "stud", tests, found)
+    return judged if judged.kind or nuts else Finding(view.body.name)  # each pin lacks a nut
+
+
+def _ring(view: _View) -> tuple[float, float, float, bool] | None:
+    """Of a part with a hole through it: its diameter, width, height, and whether there is a hexagon."""
+    seen = view.turned
+    if seen is None or seen.share < _TURNED or seen.hole is None:
+        return None
+    outside = [s for s in seen.outside if s.hexagon] or [s for s in seen.outside if not s.cone]
+    if not outside:
+        return None
+    widest = max(outside, key=lambda s: s.width)
+    hexagon = widest.hexagon and widest.length > 0.4 * seen.length
+    return seen.hole.width, widest.width, seen.length, hexagon
+
+
+def _like_nut(view: _View) -> bool:
+    """By its shape alone."""
+    ring = _ring(view)
+    if ring is None:
+        return False
+    d, width, height, hexagon = ring
+    return width / d in _ACROSS and height / d in (_NUT if hexagon else _RING_NUT)
+
+
+def _nut(view: _View) -> Finding:
+    """A hexagon with a hole, or a ring that fits a shank which goes on through a wider hole."""
+    ring = _ring(view)
+    if ring is None:
+        return Finding(view.body.name)
+    d, width, height, hexagon = ring
+    clamps = any(ratio <= _FITS and any(not p.fits for p in v.passages) for v, ratio in view.through)
+    fits = all(ratio <= _FITS for _, ratio in view.through)
+    heights = _NUT if hexagon else _RING_NUT
+    tests = (
+        (width / d in _ACROSS, f"is {width / d:.2f} diameters of its hole wide"),
+        (height / d in heights, f"is {height / d:.2f} diameters of its hole high"),
+        (fits, "its hole is wider than the shank in it"),
+        (hexagon or clamps or view.named == "nut", "is round, and on no thread"),
+    )
+    shank = min((v.shank.d for v, _ in view.through if v.shank is not None), default=0.0)
+    size = _sized(view, shank or d, width if hexagon else None)
+    words = f"{'hexagon' if hexagon else 'ring'} of {width:.4g} x {height:.4g} mm, hole of {d:.4g} mm"
+    reasons = [words, *(f"on {v.body.name}" for v, ratio in view.through if ratio <= _FITS)]
+    judged = _judged(view, "nut", tests, Finding(view.body.name, "nut", size, tuple(reasons)))
+    return judged if judged.kind or hexagon else Finding(view.body.name)
+
+
+def _washer(view: _View) -> Finding:
+    """A low ring that a shank goes through, or of a size of ISO 7089."""
+    ring = _ring(view)
+    if ring is None or ring[3]:
+        return Finding(view.body.name)
+    d, width, height, _ = ring
+    shanks = [v for v, ratio in view.through if v.shank is not None and ratio < _LOOSE]
+    size = _of_shank(shanks[0], "bolt").size if shanks else _washer_size(d, width, height)
+    tests = (
+        (width / d in _WASHER, f"is {width / d:.2f} diameters of its hole wide"),
+        (height / d in _WASHER_HEIGHT, f"is {height / d:.2f} diameters of its hole high"),
+        (bool(shanks) or size is not None or view.named == "washer", "no bolt goes through it"),
+    )
+    if not shanks and size is None and named_size(view.body.name) is not None:
+        size = named_size(view.body.name)
+    words = f"ring of {d:.4g} x {width:.4g} x {height:.4g} mm"
+    reasons = (words, *(f"around {v.body.name}" for v in shanks))
+    judged = _judged(view, "washer", tests, Finding(view.body.name, "washer", size, reasons))
+    return judged if judged.kind or shanks else Finding(view.body.name)
+
+
+def _washer_size(d: float, width: float, height: float) -> Size | None:
+    """The size of ISO 7089 that these are near to."""
+    size = nearest_size(d / 1.06)
+    if size is None:
+        return None
+    off = [abs(a / b - 1.0) for a, b in zip((d, width, height), size.washer, strict=True)]
+    return size if max(off) < 0.08 else None
+
+
+def _dowel(view: _View) -> Finding:
+    """A plain pin that fits holes of two parts, and ends there."""
+    shank = view.shank
+    if shank is None or shank.heads:
+        return Finding(view.body.name)
+    held = [p for p in view.passages if p.fits]
+    length = shank.high - shank.low
+    parts = {p.part for p in held}
+    inside = sum(p.high - p.low for p in held) > 0.7 * length
+    named = view.named == "dowel" and bool(parts)
+    tests = (
+        (length / shank.d in Span(0.7, 12.0), f"is {length / shank.d:.2f} diameters long"),
+        (named or len(parts) >= 2, "no two parts have holes that it fits"),
+        (named or inside, "most of it is in no hole"),
+    )
+    found = replace(_of_shank(view, "dowel"), size=None)
+    found = replace(found, reasons=(*found.reasons, f"fits holes of {_named(sorted(parts))}"))
+    judged = _judged(view, "dowel", tests, found)
+    return judged if judged.kind else Finding(view.body.name)
+
+
+@dataclass(frozen=True)
+class _Flat:
+    """A part between two parallel planes."""
+
+    sides: tuple[Face, Face]
+    thickness: float
+    holes: int
+
+
+def _flat(body: Body) -> _Flat | None:
+    """Two planes make up most of it, and all between them is as thick."""
+    planes = sorted((f for f in body.faces if f.kind == "plane"), key=lambda f: -f.area)[:2]
+    if len(planes) < 2:
+        return None
+    a, b = planes
+    thickness = -float((b.centre - a.centre) @ a.first.normal)
+    thickness = abs(thickness)
+    opposed = float(a.first.normal @ b.first.normal) < -0.999
+    prism = abs(body.volume / (0.5 * (a.area + b.area) * thickness) - 1.0) < 0.1 if thickness > 0.0 else False
+    if not opposed or not prism or thickness > _THIN * body.size:
+        return None
+    holes = [f for f in body.faces if f.kind == "cylinder" and f.first.hollow
+             and abs(float(f.first.axis @ a.first.normal)) > 0.999]
+    return _Flat((a, b), thickness, len(holes))
+
+
+Sides = Mapping[str, list[tuple[int, str, float, float]]]
+"""Part -> (number of a face of it, other part, its thickness, area) of all faces on which others lie."""
+
+
+def _covers(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> Sides:
+    """Which faces lie on other parts."""
+    of = {part: name for name, body in bodies.items() for part in body.parts}
+    out: dict[str, list[tuple[int, str, float, float]]] = {}
+    for touch in touches:
+        if touch.kind == "cut":
+            continue
+        for k in (0, 1):
+            other = of[touch.parts[1 - k]]
+            for tag in touch.surfaces[k]:
+                share = touch.area / len(touch.surfaces[k])
+                out.setdefault(of[touch.parts[k]], []).append((tag, other, bodies[other].thickness, share))
+    return out
+
+
+def _gasket(view: _View, sides: Sides) -> Finding:
+    """A thin flat part with a hole between two parts that are much thicker."""
+    flat = _flat(view.body)
+    if flat is None or not flat.holes:
+        return Finding(view.body.name)
+    named = view.named == "gasket"
+    covered, thinnest, beside = [], math.inf, set()
+    for side in flat.sides:
+        on = [each for each in sides.get(view.body.name, ()) if each[0] in side.tags
+              and each[2] > flat.thickness]
+        covered.append(sum(each[3] for each in on) / side.area)
+        thinnest = min([thinnest, *(each[2] for each in on)])
+        beside |= {each[1] for each in on}
+    tests = (
+        (named or min(covered) > _COVERED, "has no part on both of its sides"),
+        (named or flat.thickness < _GASKET * thinnest, "the parts beside are hardly thicker"),
+    )
+    words = f"{flat.thickness:.4g} mm thick, with {flat.holes} holes"
+    found = Finding(view.body.name, "gasket", None, (words, f"between {_named(sorted(beside))}"))
+    judged = _judged(view, "gasket", tests, found)
+    return judged if judged.kind else Finding(view.body.name)
+
+
+def _sheet(view: _View, sides: Sides) -> Finding:
+    """A thin flat part."""
+    flat = _flat(view.body)
+    if flat is None:
+        return Finding(view.body.name)
+    return Finding(view.body.name, "sheet", None, (f"flat, {flat.thickness:.4g} mm thick",))
+
+
+def _named(names: Iterable[str]) -> str:
+    return ", ".join(dict.fromkeys(repr(n) for n in names))

@@ -1,0 +1,206 @@
+"""Metric threads and what goes with them: sizes of ISO, preloads and scatter of VDI 2230.
+
+Sizes in mm: ISO 261 and 262 (coarse pitch), ISO 4014 (hexagon head), ISO 4762 (socket head), ISO 4032 (nut),
+ISO 7089 (washer), ISO 273 (clearance holes). Preload, friction and scatter: VDI 2230 part 1 (2015), the table
+of assembly preloads at 90 % of the yield point (A1), friction classes (A5, A6), tightening factors (A8).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+
+__all__ = ["GRADES", "HEAD", "JOINT", "SIZES", "TIGHTENING", "Size", "Span", "nearest_size", "preload",
+           "size_of"]
+
+
+class Size(NamedTuple):
+    """A metric thread, mm.
+
+    Attributes
+    ----------
+    d, pitch
+        Nominal diameter and coarse pitch.
+    across, head, nut
+        Width across flats of head and nut, height of the hexagon head, of the nut.
+    socket
+        Diameter of a socket head (its height is d); 1.5 d where ISO 4762 has none.
+    washer
+        Inner and outer diameter and thickness of the washer.
+    holes
+        Diameters of clearance holes: fine, medium, coarse.
+    """
+
+    d: float
+    pitch: float
+    across: float
+    head: float
+    nut: float
+    socket: float
+    washer: tuple[float, float, float]
+    holes: tuple[float, float, float]
+
+    @property
+    def name(self) -> str:
+        """``"M12"``."""
+        return f"M{self.d:g}"
+
+    @property
+    def pitch_diameter(self) -> float:
+        """d2 of ISO 724."""
+        return self.d - 0.6495 * self.pitch
+
+    @property
+    def core_diameter(self) -> float:
+        """d3 of ISO 724."""
+        return self.d - 1.2269 * self.pitch
+
+    @property
+    def stressed_diameter(self) -> float:
+        """Of the stress area, (d2 + d3) / 2."""
+        return 0.5 * (self.pitch_diameter + self.core_diameter)
+
+
+SIZES: dict[str, Size] = {
+    each.name: each
+    for each in (
+        Size(3, 0.5, 5.5, 2, 2.4, 5.5, (3.2, 7, 0.5), (3.2, 3.4, 3.6)),
+        Size(4, 0.7, 7, 2.8, 3.2, 7, (4.3, 9, 0.8), (4.3, 4.5, 4.8)),
+        Size(5, 0.8, 8, 3.5, 4.7, 8.5, (5.3, 10, 1), (5.3, 5.5, 5.8)),
+        Size(6, 1, 10, 4, 5.2, 10, (6.4, 12, 1.6), (6.4, 6.6, 7)),
+        Size(8, 1.25, 13, 5.3, 6.8, 13, (8.4, 16, 1.6), (8.4, 9, 10)),
+        Size(10, 1.5, 16, 6.4, 8.4, 16, (10.5, 20, 2), (10.5, 11, 12)),
+        Size(12, 1.75, 18, 7.5, 10.8, 18, (13, 24, 2.5), (13, 13.5, 14.5)),
+        Size(14, 2, 21, 8.8, 12.8, 21, (15, 28, 2.5), (15, 15.5, 16.5)),
+        Size(16, 2, 24, 10, 14.8, 24, (17, 30, 3), (17, 17.5, 18.5)),
+        Size(18, 2.5, 27, 11.5, 15.8, 27, (19, 34, 3), (19, 20, 21)),
+        Size(20, 2.5, 30, 12.5, 18, 30, (21, 37, 3), (21, 22, 24)),
+        Size(22, 2.5, 34, 14, 19.4, 33, (23, 39, 3), (23, 24, 26)),
+        Size(24, 3, 36, 15, 21.5, 36, (25, 44, 4), (25, 26, 28)),
+        Size(27, 3, 41, 17, 23.8, 40.5, (28, 50, 4), (28, 30, 32)),
+        Size(30, 3.5, 46, 18.7, 25.6, 45, (31, 56, 4), (31, 33, 35)),
+        Size(33, 3.5, 50, 21, 28.7, 49.5, (34, 60, 5), (34, 36, 38)),
+        Size(36, 4, 55, 22.5, 31, 54, (37, 66, 5), (37, 39, 42)),
+        Size(39, 4, 60, 25, 33.4, 58.5, (42, 72, 6), (40, 42, 45)),
+        Size(42, 4.5, 65, 26, 34, 63, (45, 78, 8), (43, 45, 48)),
+        Size(45, 4.5, 70, 28, 36, 67.5, (48, 85, 8), (46, 48, 52)),
+        Size(48, 5, 75, 30, 38, 72, (52, 92, 8), (50, 52, 56)),
+        Size(52, 5, 80, 33, 42, 78, (56, 98, 8), (54, 56, 62)),
+        Size(56, 5.5, 85, 35, 45, 84, (62, 105, 10), (58, 62, 66)),
+        Size(60, 5.5, 90, 38, 48, 90, (66, 110, 10), (62, 66, 70)),
+        Size(64, 6, 95, 40, 51, 96, (70, 115, 10), (66, 70, 74)),
+    )
+}
+
+_SECOND = ("M14", "M18", "M22", "M27", "M33", "M39", "M45", "M52", "M60")
+"""Sizes of the second choice of ISO 261: what is between two sizes is rather of the first."""
+
+_INNER = 0.02
+"""As far as this off the nominal diameter, a thread is drawn with it rather than with another one."""
+
+_OFF = 0.09
+"""A diameter this far from a nominal one, relative, still has its size: half of the widest step is more."""
+
+
+class Span(NamedTuple):
+    """Least and greatest value that a table gives, taken as two deviations below and above the mean."""
+
+    low: float
+    high: float
+
+    @property
+    def mean(self) -> float:
+        """In the middle."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def cov(self) -> float:
+        """Deviation over mean."""
+        return (self.high - self.low) / (2.0 * (self.high + self.low))
+
+
+HEAD, JOINT = Span(0.08, 0.16), Span(0.10, 0.23)
+"""Friction of heads, nuts and threads (A5, class B), and of joints of steel on steel, dry (A6)."""
+
+TIGHTENING: dict[str, tuple[float, str]] = {
+    "yield": (1.4, "to the yield point, 1.2 to 1.4"),
+    "angle": (1.4, "by angle, 1.2 to 1.4"),
+    "hydraulic": (1.6, "hydraulic, 1.2 to 1.6"),
+    "torque, tested": (1.6, "torque wrench, torque from tests, 1.4 to 1.6"),
+    "torque": (2.0, "torque wrench, friction estimated (class B), 1.6 to 2.0"),
+    "impact": (4.0, "impact wrench, 2.5 to 4"),
+}
+"""Way of tightening -> the larger tightening factor alpha_A = F_max / F_min of its row in table A8."""
+
+GRADES: dict[str, tuple[float, float]] = {
+    "4.6": (240.0, 240.0), "5.6": (300.0, 300.0), "6.8": (480.0, 480.0), "8.8": (640.0, 660.0),
+    "10.9": (940.0, 940.0), "12.9": (1100.0, 1100.0),
+}
+"""Property class of ISO 898-1 -> least yield point, MPa, up to M16 and above."""
+
+
+def size_of(name: str, where: str = "") -> Size:
+    """The size of a name, ``"M12"``.
+
+    Raises
+    ------
+    SceneError
+        There is none; with near ones.
+    """
+    found = SIZES.get(name.strip().upper()) if isinstance(name, str) else None
+    if found is None:
+        raise unknown_name("size", name, SIZES, where)
+    return found
+
+
+def nearest_size(d: float, across: float | None = None) -> Size | None:
+    """The thread that is nearest, mm; None: none is near.
+
+    Parameters
+    ----------
+    d
+        Diameter of a shank or of the hole of a nut.
+    across
+        Width across flats of a head or nut. With it `d` may also be the pitch or core diameter, as threads
+        are often drawn.
+    """
+    def off(size: Size) -> float:
+        rare = 2.0 if size.name in _SECOND else 1.0
+        if across is None:
+            return rare * abs(math.log(d / size.d))
+        inner = min(abs(math.log(d / each)) for each in (size.pitch_diameter, size.core_diameter))
+        return rare * (abs(math.log(across / size.across)) + min(abs(math.log(d / size.d)), inner + _INNER))
+
+    near = min(SIZES.values(), key=off)
+    return near if off(near) <= _OFF * (1 if across is None else 2) else None
+
+
+def preload(size: Size, grade: str = "8.8", method: str = "torque", friction: float = HEAD.mean) -> Span:
+    """Assembly preload, N: at its greatest 90 % of the yield point are used by tension and torsion together.
+
+    Parameters
+    ----------
+    grade, method
+        Property class, and way of tightening (a key of `TIGHTENING`).
+    friction
+        Of the thread.
+
+    Raises
+    ------
+    SceneError
+        A class or way that is not in the tables.
+    """
+    if grade not in GRADES:
+        raise unknown_name("property class", grade, GRADES, "preload")
+    if method not in TIGHTENING:
+        raise unknown_name("way of tightening", method, TIGHTENING, "preload")
+    if not friction >= 0.0:
+        raise SceneError(f"preload: friction = {friction!r} must be >= 0")
+    yields = GRADES[grade][size.d > SIZES["M16"].d]
+    d0, d2 = size.stressed_diameter, size.pitch_diameter
+    turn = size.pitch / (math.pi * d2) + friction / math.cos(math.radians(30.0))
+    torsion = 1.5 * d2 / d0 * turn
+    most = 0.25 * math.pi * d0**2 * 0.9 * yields / math.sqrt(1.0 + 3.0 * torsion**2)
+    return Span(most / TIGHTENING[method][0], most)
