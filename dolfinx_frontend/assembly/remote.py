@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.interface import Interface, Side
-from dolfinx_frontend.assembly.matrix_part import at_points
+from dolfinx_frontend.assembly.matrix_part import at_points, frames_of
 from dolfinx_frontend.assembly.part_loads import cross, face_of, fitting
 from dolfinx_frontend.assembly.places import NEAR
 from dolfinx_frontend.assembly.substructure import Substructure
@@ -34,7 +34,7 @@ def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> In
     if remote is None:
         return at_points(spec, parts[0])
     if remote.node is not None:
-        return _at_node(spec, parts[0], remote.node)
+        return _at_node(spec, parts[0], remote.node, remote.nearest)
     if remote.sums:
         return _of_sums(spec, parts, remote)
     d = parts[0].dim
@@ -88,7 +88,9 @@ def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> 
     )
 
 
-def _made(spec: InterfaceSpec, sides: tuple[Side, ...], point: Array, wrench: Array | None) -> Interface:
+def _made(
+    spec: InterfaceSpec, sides: tuple[Side, ...], point: Array, wrench: Array | None, why: str = ""
+) -> Interface:
     d = len(point)
     return Interface(
         name=spec.name,
@@ -102,7 +104,7 @@ def _made(spec: InterfaceSpec, sides: tuple[Side, ...], point: Array, wrench: Ar
         tangent_axis=1 % d,
         areas=sp.csr_matrix((0, 1)),
         one_point=True,
-        why=_why(spec),
+        why=why or _why(spec),
         wrench=wrench,
     )
 
@@ -113,21 +115,37 @@ def _why(spec: InterfaceSpec) -> str:
         return "a beam between the mean motions of two faces"
     if spec.remote.sums:
         return "a sum of displacements of nodes"
-    return "a node" if spec.remote.node is not None else "the mean motion of a face"
+    return "the mean motion of a face"
 
 
-def _node(where: str, s: Substructure, place: tuple[float, ...]) -> int:
+def _node(
+    where: str, s: Substructure, place: tuple[float, ...], nearest: bool | None = None
+) -> tuple[int, float]:
+    """A node at a place, or the nearest one within the size of its cells; and how far it is. `nearest` is None
+    where that is no choice."""
     point = fitting(where, "point", place, s.dim)
     away = np.linalg.norm(s.dof_coordinates - point, axis=1)
     node = int(np.argmin(away))
     size = float(np.ptp(s.dof_coordinates, axis=0).max())
-    if away[node] > NEAR * size:
+    wide = _wide(s, node) if nearest else 0.0
+    if away[node] > max(NEAR * size, wide):
         near = ", ".join(f"{v:.6g}" for v in s.dof_coordinates[node])
+        beyond = f", more than its cells are large ({wide:.4g})" if wide else ""
+        remedy = "give that, nearest=True, or fix a face" if nearest is False else "give that, or fix a face"
         raise SceneError(
             f"{where}: there is no node of {s.name!r} at ({', '.join(f'{v:.6g}' for v in point)}); the "
-            f"nearest one is at ({near}), {away[node]:.4g} away: give that, or fix a face"
+            f"nearest one is at ({near}), {away[node]:.4g} away{beyond}: {remedy}"
         )
-    return node
+    return node, float(away[node])
+
+
+def _wide(s: Substructure, node: int) -> float:
+    """How large the cells around a node are; 0 in a matrix, which has none."""
+    if frames_of(s) is not None:
+        return 0.0
+    cells = np.asarray(s.space.dofmap.list)
+    around = cells[(cells == node).any(axis=1)]
+    return float(np.linalg.norm(np.ptp(s.dof_coordinates[around], axis=1), axis=1).max())
 
 
 def _of_cells(s: Substructure) -> float:
@@ -136,13 +154,15 @@ def _of_cells(s: Substructure) -> float:
     return float((s.volume / (s.size // s.dim)) ** ((d - 1.0) / d))
 
 
-def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> Interface:
-    node = _node(f"interface {spec.name!r}", s, place)
+def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...], nearest: bool) -> Interface:
+    node, away = _node(f"interface {spec.name!r}", s, place, nearest)
     count = s.size // s.dim
     shape = sp.csr_matrix((np.ones(1), (np.zeros(1, dtype=int), np.array([node]))), shape=(1, count))
     trace = sp.kron(shape, sp.identity(s.dim), "csr")
     side = _side(s, spec.faces[0], trace, shape, np.array([node]), _of_cells(s))
-    return _made(spec, (side,), s.dof_coordinates[node].copy(), None)
+    x = s.dof_coordinates[node].copy()
+    why = f"the node at ({', '.join(f'{v:.6g}' for v in x)}), {away:.4g} from its point" if nearest else "a node"
+    return _made(spec, (side,), x, None, why)
 
 
 def _of_sums(spec: InterfaceSpec, parts: tuple[Substructure, ...], remote: Remote) -> Interface:
@@ -152,7 +172,7 @@ def _of_sums(spec: InterfaceSpec, parts: tuple[Substructure, ...], remote: Remot
     for number, (face, s, terms) in enumerate(zip(spec.faces, parts, remote.sums, strict=True)):
         row = np.zeros((s.size // d, d))
         vectors = (2.0 * number - 1.0) * np.array([fitting(where, "direction", v, d) for _, v in terms])
-        np.add.at(row, [_node(where, s, x) for x, _ in terms], vectors)
+        np.add.at(row, [_node(where, s, x)[0] for x, _ in terms], vectors)
         x = np.array([x for x, _ in terms])
         if number == 0:
             place = x.mean(axis=0)

@@ -921,7 +921,7 @@ def _of_spaces(problem: Problem) -> list[Decision]:
     why: dict[tuple[str, str], list[str]] = {}
     remote: dict[str, list[str]] = {}
     for name, interface in problem.interfaces.items():
-        if interface.wrench is not None:
+        if interface.one_point:
             remote.setdefault(interface.why, []).append(name)
         if interface.space != "points":
             reason = interface.why or "asked for"

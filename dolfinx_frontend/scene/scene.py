@@ -466,6 +466,7 @@ class Scene:
         components: Sequence[int] | int | None = None,
         name: str | None = None,
         frame: Sequence[Sequence[float]] | None = None,
+        nearest: bool = False,
     ) -> None:
         """Prescribe the displacement of a node of a part, of all or of some components (0 is x).
 
@@ -475,12 +476,15 @@ class Scene:
         ----------
         point
             Where a node is, within 1e-6 of the part's size.
+        nearest
+            Take the node that is nearest to the point, if it is no farther away than its cells are large; the
+            plan of a result says where it is, and how far.
         """
         where = f"fix_point of {part!r}"
         check_known("substructure", part, self.substructures, where)
         place = plain_vector(where, "point", point)
         shown = ", ".join(f"{v:.6g}" for v in place)
-        remote = Remote(node=tuple(map(float, place)))
+        remote = Remote(node=tuple(map(float, place)), nearest=checked_flag(where, "nearest", nearest))
         vector = _components_of(value)
         if vector is not None and components is None:
             for k, each in enumerate(vector):

@@ -301,6 +301,8 @@ class Remote:
     ----------
     node
         A point of the part at which there is a node; None: the mean rigid motion of each face, or `sums`.
+    nearest
+        Whether the node that is nearest to this point is taken, if it is no farther than its cells are large.
     sums
         By side: points at which there are nodes, each with the vector (d,) by which its displacement is
         multiplied.
@@ -320,6 +322,7 @@ class Remote:
     forces: tuple[tuple[float, ...], ...] = ()
     moments: tuple[tuple[float, ...], ...] = ()
     beam: str = ""
+    nearest: bool = False
 
     @property
     def nodes(self) -> tuple[tuple[float, ...], ...]:

@@ -111,6 +111,45 @@ def test_supports_along_own_axes(turn: float) -> None:
     assert frame @ along == pytest.approx([-2.0, 0.0, 0.0], abs=1e-8)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_three_two_one_near_points_of_the_drawing(unit: float, turn: float) -> None:
+    """A loose block that is pulled at both ends and held 3-2-1 near its corners: u = (s / E) (x, -nu y, -nu z)
+    from the first point, no reactions; in mm and N, in m and N, turned about z or not."""
+    c, s = np.cos(turn), np.sin(turn)
+    frame = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    part = lf.geometry.box((10 * unit, 6 * unit, 4 * unit), (3, 2, 2))
+    x = part.mesh.geometry.x
+    x[:] = x @ frame
+    young, stress = 1000.0 / unit**2, 2.0 / unit**2
+    scene = lf.Scene()
+    scene.substructure("block", part, lf.LinearElastic(young, 0.3))
+    off = np.array([0.2, -0.3, 0.1])
+    for name, corner, components in (("3", (0, 0, 0), (0, 1, 2)), ("2", (10, 0, 0), (1, 2)), ("1", (0, 6, 0), 2)):
+        point = (np.array(corner) + off) * unit @ frame
+        scene.fix_point("block", point, 0.0, components, name, frame.tolist(), nearest=True)
+    for end, sign in (("x0", -1.0), ("x1", 1.0)):
+        scene.traction(f"block:{end}", tuple(sign * stress * frame[0]))
+    result = solved(scene)
+    assert f"{np.linalg.norm(off) * unit:.4g} from its point" in str(result.plan)
+    for (row,) in (result.table(name).rows() for name in "321"):
+        assert max(abs(row[f"force_{axis}"]) for axis in "xyz") < 1e-8 * stress * 24 * unit**2
+    u = result.unknowns("block").reshape(-1, 3) @ frame.T
+    own = result.problem.substructures["block"].dof_coordinates @ frame.T
+    exact = stress / young * own * [1.0, -0.3, -0.3]
+    assert u == pytest.approx(exact, abs=1e-9 * float(np.abs(exact).max()))
+
+
+def test_a_point_far_from_all_nodes_is_refused() -> None:
+    scene = rods("rod")
+    scene.fix("rod:x0")
+    scene.fix_point("rod", (L, 1.0, 1.0 + L), nearest=True)
+    with pytest.raises(lf.SceneError, match=r"at \(10, 1, 1\), 10 away, more than its cells are large \(2.872\)"):
+        lf.assemble(scene)
+    with pytest.raises(lf.SceneError, match="nearest"):
+        scene.fix_point("rod", (L, 1.0, 1.0), nearest=1)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("call", "words"), [
     (lambda s: s.link("k", [("rod", (0, 0, 0))]), "no term"),
     (lambda s: s.link("k", [("bar", (0, 0, 0), (1, 0, 0))]), "unknown substructure"),
