@@ -109,6 +109,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "worker",
         "away",
         "gmsh",
+        "renaming",
         "step",
         "proposal",
     ),

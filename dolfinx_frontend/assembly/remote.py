@@ -121,8 +121,10 @@ def _why(spec: InterfaceSpec) -> str:
 def _node(
     where: str, s: Substructure, place: tuple[float, ...], nearest: bool | None = None
 ) -> tuple[int, float]:
-    """A node at a place, or the nearest one within the size of its cells; and how far it is. `nearest` is None
-    where that is no choice."""
+    """A node at a place, or the nearest one within the size of its cells; and how far it is.
+
+    `nearest` is None where that is no choice.
+    """
     point = fitting(where, "point", place, s.dim)
     away = np.linalg.norm(s.dof_coordinates - point, axis=1)
     node = int(np.argmin(away))
@@ -161,7 +163,8 @@ def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...], nea
     trace = sp.kron(shape, sp.identity(s.dim), "csr")
     side = _side(s, spec.faces[0], trace, shape, np.array([node]), _of_cells(s))
     x = s.dof_coordinates[node].copy()
-    why = f"the node at ({', '.join(f'{v:.6g}' for v in x)}), {away:.4g} from its point" if nearest else "a node"
+    at = ", ".join(f"{v:.6g}" for v in x)
+    why = f"the node at ({at}), {away:.4g} from its point" if nearest else "a node"
     return _made(spec, (side,), x, None, why)
 
 

@@ -32,7 +32,7 @@ units = ["mm", "N"]    # OpenCASCADE converts to millimetres: stresses are MPa
 # times = [1, 2]
 # values = [0, 1]      # then: force = {{ amplitude = "load", value = [0, 0, 1000] }}
 """
-_PROPOSED = ("material", "size", "join", "leave")
+_PROPOSED = ("rename", "material", "size", "join", "leave")
 
 
 def proposed(step: StepAssembly, folder: Path, deck: str) -> str:
@@ -51,7 +51,7 @@ def proposed(step: StepAssembly, folder: Path, deck: str) -> str:
     lines = writer.call(Call("step", {**call.arguments, "calls": (), "mesh": {}}))
     for each in made.journal:
         if each.name in _PROPOSED:
-            pattern = str(each.arguments["pattern"])
+            pattern = str(each.arguments.get("pattern", ""))
             kind = "join" if each.name == "leave" else each.name
             body += ["", f"[[step.{each.name}]]", *_reason(made, kind, pattern),
                      *writer.keys(writer.arguments(each, OF_STEP[each.name]))]

@@ -7,7 +7,7 @@ of their grip for their preload; gaskets are in contact on both sides. Supports 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -142,13 +142,19 @@ def _grip(found: Finding) -> tuple[float, float]:
 
 
 def _read_again(step: StepAssembly, cuts: Sequence[Cut]) -> StepAssembly:
-    """The same file with more cuts."""
+    """The same file with more cuts, and with the names that its parts have now."""
     call = made_by(step)
     assert call is not None
     given = dict(call.arguments)
     own = given.pop("cuts", ())
     own = (own,) if isinstance(own, Cut) else tuple(own)
-    return read_step(**{**given, "cuts": (*own, *cuts)})
+    of_file = {name: body.label for name, body in step._recognised[0].items()}
+    more = [replace(cut, parts=of_file[cut.parts]) for cut in cuts]
+    new = read_step(**{**given, "cuts": (*own, *more)})
+    names = {label: name for name, label in of_file.items() if label != name}
+    if names:
+        new.rename(names)
+    return new
 
 
 def _law(choice: _Choice, touch: Touch, found: Sequence[Finding], clamped: bool) -> tuple[Law | None, str]:

@@ -7,7 +7,7 @@ which would start MPI in that process.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,8 @@ CLOSE = 0.5
 
 @dataclass(frozen=True)
 class Source:
-    """A STEP file and how it is read; see :func:`read_step`. `name` is that of the file for messages."""
+    """A STEP file and how it is read; see :func:`read_step`. `name` is that of the file for messages, `names`
+    are those of its parts that were renamed: in the file -> now."""
 
     path: Path
     name: str
@@ -46,6 +47,7 @@ class Source:
     imprint: bool
     tolerance: float | None
     partial: bool
+    names: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,8 @@ def mesh_file(say: Say, path: Path) -> Meshed:
 def _load(gmsh: Any, say: Say, source: Source) -> Loaded:
     """The CAD model, read again: nothing of gmsh is kept between calls."""
     parts = source.cuts, source.imprint, source.tolerance, source.partial
-    return load(gmsh, source.path, source.name, *parts, say)
+    loaded = load(gmsh, source.path, source.name, *parts, say)
+    return replace(loaded, volumes={source.names.get(n, n): tags for n, tags in loaded.volumes.items()})
 
 
 def _check_same(model: Any, loaded: Loaded, file: str, solids: Mapping[str, Solid]) -> None:

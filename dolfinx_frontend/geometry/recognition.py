@@ -184,7 +184,7 @@ def recognised(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> dict[str
         by_name = [f for f in kinds if f.kind == view.named]
         best = (by_name or kinds or [f for f in tried if f.missing] or [Finding(name)])[0]
         if by_name:
-            best = replace(best, reasons=(*best.reasons, f"named so ({name!r})"))
+            best = replace(best, reasons=(*best.reasons, f"named so ({view.body.label!r})"))
         out[name] = best
     return out
 
@@ -214,7 +214,7 @@ def threads(found: Finding) -> dict[int, list[Passage]]:
 def _seen(body: Body) -> _View:
     seen = turned(body)
     shank = None if seen is None or seen.share < _TURNED else _shank(seen)
-    return _View(body, seen, shank, named_kind(body.name))
+    return _View(body, seen, shank, named_kind(body.label))
 
 
 # -- shapes --------------------------------------------------------------------------------------
@@ -335,7 +335,7 @@ def _of_shank(view: _View, kind: str) -> Finding:
 
 def _sized(view: _View, d: float, across: float | None) -> Size | None:
     """The thread: that of the name, where the diameter is near it."""
-    named = named_size(view.body.name)
+    named = named_size(view.body.label)
     if named is not None and abs(d / named.d - 1.0) < 0.2:
         return named
     return nearest_size(d, across) or nearest_size(d)
@@ -435,7 +435,7 @@ def _nut(view: _View) -> Finding:
     shank = min((v.shank.d for v, _ in view.through if v.shank is not None), default=0.0)
     size = _sized(view, shank or d, width if hexagon else None)
     words = f"{'hexagon' if hexagon else 'ring'} of {width:.4g} x {height:.4g} mm, hole of {d:.4g} mm"
-    reasons = [words, *(f"on {v.body.name}" for v, ratio in view.through if ratio <= _FITS)]
+    reasons = [words, *(f"on {v.body.name!r}" for v, ratio in view.through if ratio <= _FITS)]
     judged = _judged(view, "nut", tests, Finding(view.body.name, "nut", size, tuple(reasons)))
     return judged if judged.kind or hexagon else Finding(view.body.name)
 
@@ -453,10 +453,10 @@ def _washer(view: _View) -> Finding:
         (height / d in _WASHER_HEIGHT, f"is {height / d:.2f} diameters of its hole high"),
         (bool(shanks) or size is not None or view.named == "washer", "no bolt goes through it"),
     )
-    if not shanks and size is None and named_size(view.body.name) is not None:
-        size = named_size(view.body.name)
+    if not shanks and size is None and named_size(view.body.label) is not None:
+        size = named_size(view.body.label)
     words = f"ring of {d:.4g} x {width:.4g} x {height:.4g} mm"
-    reasons = (words, *(f"around {v.body.name}" for v in shanks))
+    reasons = (words, *(f"around {v.body.name!r}" for v in shanks))
     judged = _judged(view, "washer", tests, Finding(view.body.name, "washer", size, reasons))
     return judged if judged.kind or shanks else Finding(view.body.name)
 

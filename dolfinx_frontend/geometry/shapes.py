@@ -64,6 +64,8 @@ class Body:
         Volume, area of all faces, and the largest distance of points of its edges.
     faces
         Its faces.
+    label
+        Its name in the file.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Body:
     area: float
     size: float
     faces: tuple[Face, ...] = field(repr=False)
+    label: str
 
     @property
     def thickness(self) -> float:
@@ -168,12 +171,13 @@ def bodies(solids: Mapping[str, Solid], touches: Iterable[Touch]) -> dict[str, B
     for group in grouped(list(solids), [t.parts for t in cut]):
         each = [solids[n] for n in group]
         surfaces = [s for solid in each for s in solid.surfaces if s.tag not in sections]
-        name = group[0] if len(group) == 1 else group[0].rstrip("+-")
+        name = group[0] if len(group) == 1 else group[0][:-1]
         rims = np.concatenate([s.rim for s in surfaces if len(s.rim)] or [np.zeros((1, 3))])
         size = float(np.linalg.norm(np.ptp(rims,
                                            axis=0))) or float(np.linalg.norm(each[0].high - each[0].low))
         area, volume = sum(s.area for s in surfaces), sum(s.volume for s in each)
-        out[name] = Body(name, tuple(group), volume, area, size, _joined(surfaces, _SAME * size))
+        faces = _joined(surfaces, _SAME * size)
+        out[name] = Body(name, tuple(group), volume, area, size, faces, each[0].label or name)
     return out
 
 

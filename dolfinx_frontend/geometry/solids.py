@@ -137,6 +137,8 @@ class Solid:
         Corners of the bounding box.
     surfaces
         Its faces.
+    label
+        Name in the file of what it is (a piece of), if it was renamed; empty: it was not.
     """
 
     name: str
@@ -145,6 +147,7 @@ class Solid:
     low: Array = field(repr=False)
     high: Array = field(repr=False)
     surfaces: tuple[Surface, ...] = field(repr=False)
+    label: str = ""
 
     @property
     def thickness(self) -> float:

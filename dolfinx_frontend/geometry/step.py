@@ -50,6 +50,13 @@ from dolfinx_frontend.geometry.meshing import FLAT, some
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.reading import Recipe, Source, Survey
 from dolfinx_frontend.geometry.recognition import KINDS, Finding, forced, recognised
+from dolfinx_frontend.geometry.renaming import (
+    in_words,
+    new_names,
+    renamed_finding,
+    renamed_solid,
+    renamed_touch,
+)
 from dolfinx_frontend.geometry.shapes import Body, bodies
 from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut, Solid, Surface, matching, vector
@@ -127,6 +134,11 @@ class StepAssembly:
     def __post_init__(self) -> None:
         self.journal = Journal()
         self.why: dict[tuple[str, str], str] = {}
+        self._name_faces()
+
+    def _name_faces(self) -> None:
+        """Names of the faces in interfaces, which are those of the other parts."""
+        self._faces.clear()
         self._taken = _contact_faces(self.touches.values())
         for (part, face), tags in self._taken.items():
             for name, touch in self.touches.items():
@@ -256,6 +268,46 @@ class StepAssembly:
             self._named[part, face] = (*old, *(s.tag for s in fits))
             found.append(f"{part}:{face}")
         return tuple(found)
+
+    @journaled
+    def rename(self, part: str | Mapping[str, str], name: str | None = None) -> None:
+        """Give a part another name, or several: ``rename({"part 3": "bolt", "part 4": "nut"})``.
+
+        What was said of it before holds, its interfaces and faces follow, and its pieces ``"bolt-"`` and
+        ``"bolt+"`` if it was cut. What it is taken for stays: that goes by the name in the file.
+
+        Raises
+        ------
+        SceneError
+            A part that there is not, with near ones; a name that is none, or in use.
+        """
+        bodies = self._recognised[0]
+        whole, pieces = new_names(part, name, bodies)
+        touches = {n: renamed_touch(t, pieces) for n, t in self.touches.items()}
+        named = {(pieces[p], face): tags for (p, face), tags in self._named.items()}
+        clash = sorted(_contact_faces(touches.values()).keys() & named.keys())
+        if clash:
+            raise SceneError(
+                f"rename: the face {':'.join(clash[0])!r} has its name from you, and would have it from the "
+                "part beside it; choose another name"
+            )
+        of_file = {p: body.label + p[len(n) :] for n, body in bodies.items() for p in body.parts}
+        labels = {p: body.label for body in bodies.values() for p in body.parts}
+        joints = {old: touch.name for old, touch in touches.items()}
+        self._source = replace(self._source, names={of_file[p]: new for p, new in pieces.items()})
+        self.solids = {pieces[n]: renamed_solid(s, pieces, labels[n]) for n, s in self.solids.items()}
+        self.touches = {touch.name: touch for touch in touches.values()}
+        self._bodies = {pieces[n]: body for n, body in self._bodies.items()}
+        self._sizes = {pieces[n]: size for n, size in self._sizes.items()}
+        self._local = {joints[n]: size for n, size in self._local.items()}
+        self._joins = {joints[n]: join for n, join in self._joins.items()}
+        self._named = named
+        self._alone = tuple(in_words(text, pieces) for text in self._alone)
+        self._close = tuple(renamed_touch(touch, pieces) for touch in self._close)
+        self._overruled = {whole[n]: renamed_finding(f, whole) for n, f in self._overruled.items()}
+        self.why = {(kind, {**pieces, **joints}[n]): text for (kind, n), text in self.why.items()}
+        del self._recognised
+        self._name_faces()
 
     # -- what parts are taken for ----------------------------------------------------------------
     def is_bolt(self, part: str, size: str | None = None) -> None:
@@ -456,6 +508,8 @@ class StepAssembly:
                 f"open, step.leave({lacking[0]!r})"
             )
         meshed = assembly or self.mesh(**settings)
+        for name in self.solids:
+            check_known("part", name, meshed.parts, "step.scene: this mesh has other names; mesh again")
         scene = Scene()
         for name in self.solids:
             body = self._bodies[name]
@@ -660,7 +714,7 @@ def _contact_faces(touches: Any) -> dict[tuple[str, str], tuple[int, ...]]:
                 several += 1
                 name = "contact" if several == 1 else f"contact#{several}"
             unique, number = name, 1
-            while (part, unique) in out:
+            while (part, unique) in out or unique == FREE:
                 number += 1
                 unique = f"{name}#{number}"
             out[part, unique] = tuple(sorted(tags))

@@ -114,8 +114,8 @@ def test_supports_along_own_axes(turn: float) -> None:
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 def test_three_two_one_near_points_of_the_drawing(unit: float, turn: float) -> None:
-    """A loose block that is pulled at both ends and held 3-2-1 near its corners: u = (s / E) (x, -nu y, -nu z)
-    from the first point, no reactions; in mm and N, in m and N, turned about z or not."""
+    """A loose block, pulled at both ends, held 3-2-1 near its corners: u = (s / E) (x, -nu y, -nu z) from the
+    first one, no reactions; in mm and N, in m and N, turned about z or not."""
     c, s = np.cos(turn), np.sin(turn)
     frame = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     part = lf.geometry.box((10 * unit, 6 * unit, 4 * unit), (3, 2, 2))
@@ -125,7 +125,8 @@ def test_three_two_one_near_points_of_the_drawing(unit: float, turn: float) -> N
     scene = lf.Scene()
     scene.substructure("block", part, lf.LinearElastic(young, 0.3))
     off = np.array([0.2, -0.3, 0.1])
-    for name, corner, components in (("3", (0, 0, 0), (0, 1, 2)), ("2", (10, 0, 0), (1, 2)), ("1", (0, 6, 0), 2)):
+    held = (("3", (0, 0, 0), (0, 1, 2)), ("2", (10, 0, 0), (1, 2)), ("1", (0, 6, 0), 2))
+    for name, corner, components in held:
         point = (np.array(corner) + off) * unit @ frame
         scene.fix_point("block", point, 0.0, components, name, frame.tolist(), nearest=True)
     for end, sign in (("x0", -1.0), ("x1", 1.0)):
@@ -144,7 +145,8 @@ def test_a_point_far_from_all_nodes_is_refused() -> None:
     scene = rods("rod")
     scene.fix("rod:x0")
     scene.fix_point("rod", (L, 1.0, 1.0 + L), nearest=True)
-    with pytest.raises(lf.SceneError, match=r"at \(10, 1, 1\), 10 away, more than its cells are large \(2.872\)"):
+    words = r"at \(10, 1, 1\), 10 away, more than its cells are large \(2.872\)"
+    with pytest.raises(lf.SceneError, match=words):
         lf.assemble(scene)
     with pytest.raises(lf.SceneError, match="nearest"):
         scene.fix_point("rod", (L, 1.0, 1.0), nearest=1)  # type: ignore[arg-type]
