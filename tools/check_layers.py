@@ -175,6 +175,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "surfaces",
         "points",
         "reactions",
+        "certificate",
         "readings",
         "tables",
         "stress",
