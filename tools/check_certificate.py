@@ -356,7 +356,7 @@ class Check:
         self.scene, self.error, self.imbalance = scene, float(head["error"]), float(head["imbalance"])
         self.failed: list[str] = []
         self.used: dict[str, float] = {}
-        self.resolution = 0.0
+        self.resolution = self.true = 0.0
         self.memory = [np.zeros((len(j.w) // j.k, max(j.k - 1, 1))) for j in scene.joints]
 
     def say(self, what: str, size: float, allowed: float, where: str) -> None:
@@ -408,6 +408,7 @@ class Check:
         exact, last = step.newton(u)
         if last > FOUND:
             return self.failed.append(f"error, {at}: Newton's method finds no exact solution from the answer")
+        self.true = max(self.true, step.norm(u - exact) / max(total, TINY))
         self.say("error", step.norm(u - exact), allowed * total + noise, at)
         self.say("displacement", np.linalg.norm(u - exact), allowed * np.linalg.norm(exact) + spread, at)
 
