@@ -52,6 +52,8 @@ def write_certificate(answer: Any, path: str | Path) -> None:
     if target.suffix.lower() != ".npz":
         raise FileError(f"{target}: a certificate is an .npz file, not {target.suffix!r}")
     problem = answer.problem
+    if answer.kind not in ("deterministic", "history"):
+        raise _refused(f"the answer is a {answer.kind}: solve it with numbers, at a point of interest")
     if problem.comm is not None:
         raise _refused("its parts are on several ranks: solve it on one")
     if not np.isfinite(answer.error):
@@ -158,8 +160,10 @@ def _acting(answer: Any, interface: Interface, number: int) -> Array:
 
 
 def _imbalance(answer: Any, arrays: Arrays) -> float:
-    """What the balance of a part lacks, relative to all that acts on it: in force, in moment, at its nodes; the
-    largest of all parts and steps."""
+    """What the balance of a part lacks, relative to all that acts on it: in force, in moment, at its nodes.
+
+    The largest of all parts and steps.
+    """
     problem: Problem = answer.problem
     found = []
     for k, (name, part) in enumerate(problem.substructures.items()):
@@ -170,7 +174,8 @@ def _imbalance(answer: Any, arrays: Arrays) -> float:
                     given.append(_acting(answer, interface, number))
         acting, terms = np.sum(given, axis=0), np.sum(np.abs(given), axis=0)
         modes, kinds = part.rigid_modes, np.cumsum([0, part.dim])
-        rigid = [np.maximum.reduceat(each, kinds, axis=1) for each in (abs(acting @ modes), terms @ abs(modes))]
+        of_motions = abs(acting @ modes), terms @ abs(modes)
+        rigid = [np.maximum.reduceat(each, kinds, axis=1) for each in of_motions]
         unit = np.sqrt(part.diagonal)
         nodes = [np.linalg.norm(each / unit, axis=1) for each in ((part.matrix @ u.T).T - acting, terms)]
         found.append([np.column_stack(each) for each in zip(rigid, nodes, strict=True)])
@@ -244,13 +249,16 @@ def _points(
     kind = fields[0].kind
     if kind not in KINDS:
         raise _refused(f"interface {interface.name!r}: the law {kind!r} is none of {', '.join(KINDS)}")
+    rows = _rows(interface)
+    m, k, d = rows.shape
+    turned = sp.bsr_matrix((rows, np.arange(m), np.arange(m + 1)), shape=(m * k, m * d)).tocsr()
     for number, side in enumerate(interface.sides):
-        trace = sp.csr_matrix(csr(side.trace))
+        trace = sp.csr_matrix(turned @ csr(side.trace))
         arrays |= {f"{key}trace{number}.{a}": getattr(trace, a) for a in ("data", "indices", "indptr")}
     arrays |= {
         key + "points": interface.points,
         key + "weights": interface.weights,
-        key + "directions": _rows(interface),
+        key + "directions": rows,
         key + "force": _force(answer, interface),
     }
     for parameter in fields[0].parameters:
