@@ -60,8 +60,7 @@ class Part:
         nodes, x, cells, dofs, C = (a[name] for name in ("nodes", "x", "cells", "dofs", "elasticity"))
         (count, d), simplex = nodes.shape, told["cell"] in ("triangle", "tetrahedron")
         e = exponents(d, 2 * (p - simplex), simplex)
-        of_simplex = np.prod(factorial(e), axis=1) / factorial(d + e.sum(axis=1))
-        exact = of_simplex if simplex else 1.0 / np.prod(1 + e, axis=1)
+        exact = np.prod(factorial(e), 1) / factorial(d + e.sum(1)) if simplex else 1.0 / np.prod(1 + e, 1)
         rule = a["weights"] @ np.prod(a["points"][:, None] ** e, axis=2)
         need(abs(rule - exact) < SHARP, f"{self.name}: its quadrature is not exact for its degree")
         good = [np.linalg.eigvalsh(C + C.T).min() > 0.0, abs(C - C.T).max() <= SHARP * C.max()]
@@ -133,7 +132,8 @@ class Law:
         p, first = self.p, self.p["strength"] / self.p["normal"]
         last = p.get("opening", 0.0) + 2.0 * p.get("energy", 0.0) / p["strength"]
         slid = p["tangential"] / p["normal"] * (j[:, 1:] ** 2).sum(axis=1, keepdims=True)
-        return np.maximum.reduce([np.sqrt(np.maximum(j[:, :1], 0.0) ** 2 + slid), before, first]), first, last
+        now = np.sqrt(np.maximum(j[:, :1], 0.0) ** 2 + slid)
+        return np.maximum(np.maximum(now, before[:, :1]), first), first, last
 
     def force(self, z: Array, c: float, before: Array) -> Array:
         p, z, f = self.p, z - self.jump, np.zeros_like(z)
@@ -144,7 +144,7 @@ class Law:
         if self.kind == "elastic":
             return self.kappa * z / (1.0 + c * self.kappa)
         if self.kind == "preload":
-            fixed = (z[:, :1] - before - p.get("slack", 0.0)) / (c + self.soft)
+            fixed = (z[:, :1] - before[:, :1] - p.get("slack", 0.0)) / (c + self.soft)
             given = np.where(p["locked"] < 0.0, 0.0, p["force"])
             return np.hstack([np.where(p["locked"] > 0.0, fixed, given), z[:, 1:] / c])
         if self.kind == "debonding":  # a function of the jump: c is 0
@@ -163,7 +163,7 @@ class Law:
         """Slips, the length of a bolt where it was tightened, or the largest opening of a bond."""
         j = j - self.jump
         if self.kind == "preload":
-            return np.where(self.p["locked"] > 0.0, before, j[:, :1] - self.soft * f[:, :1])
+            return np.where(self.p["locked"] > 0.0, before[:, :1], j[:, :1] - self.soft * f[:, :1])
         return self.opening(j, before)[0] if self.kind == "debonding" else j[:, 1:] - self.soft_t * f[:, 1:]
 
     def beyond(self, f: Array) -> float:
@@ -335,8 +335,8 @@ class Check:
         exact = step.newton(noise / max(total, TINY))
         self.true = max(self.true, step.norm(u - exact) / max(total, TINY))
         self.say("error", step.norm(u - exact), most, at)
-        size = [np.linalg.norm(each) for each in (u - exact, exact, random)]
-        self.say("displacement", size[0], allowed * size[1] + size[2], at)
+        most = allowed * np.linalg.norm(exact) + np.linalg.norm(random)
+        self.say("displacement", np.linalg.norm(u - exact), most, at)
 
     def balance(self, u: Array, acting: Array, terms: Array, rounding: Array, at: str) -> None:
         """Forces and moments of every part, and forces at its nodes, relative to all that acts on it."""

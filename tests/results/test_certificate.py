@@ -102,6 +102,21 @@ def bond() -> Any:
     return lf.solve(lf.assemble(scene), times=[0.2, 0.4, 0.6, 0.8])
 
 
+def section() -> Any:
+    """A pretension section that is meshed, and a bond in three dimensions."""
+    scene = lf.Scene()
+    for k, name in enumerate(("foot", "shank", "head")):
+        part = lf.geometry.box((4, 4, 8), (1, 1, 2), origin=(0, 0, 8 * k), cell="hexahedron")
+        scene.substructure(name, part, STEEL)
+    scene.interface("bolt", "foot:z1", "shank:z0", lf.Preload(force=800.0, until=1.0))
+    glue = lf.Debonding(normal=1e5, tangential=5e4, strength=100.0, energy=0.5)
+    scene.interface("glue", "shank:z1", "head:z0", glue)
+    scene.fix("foot:z0")
+    scene.fix("head:z1")
+    scene.traction("shank:x1", LATER * (0.0, 10.0, 0.0))
+    return lf.solve(lf.assemble(scene), times=[1.0, 1.5, 2.0])
+
+
 def soft_contact() -> Any:
     scene = stack(lf.Contact(gap=lambda x: 1e-4 * x[:, 0], stiffness=1e5), degree=2)
     scene.interface("bed", "top:x0", lf.Elastic(normal=10.0, tangential=10.0))
@@ -156,7 +171,7 @@ def curved() -> Any:
 
 
 SCENES: list[Callable[[], Any]] = [
-    friction, tresca, bolted, lap, matching, springs, bond, soft_contact, orthotropic, heated, curved,
+    friction, tresca, bolted, lap, matching, springs, bond, section, soft_contact, orthotropic, heated, curved,
 ]  # fmt: skip
 
 
