@@ -318,17 +318,17 @@ class Check:
         signs = np.random.default_rng(0).choice((-1.0, 1.0), len(u) + len(h))
         random = response(scene.Z.T @ (rounding * signs[: len(u)]), sharp * signs[len(u) :])
         noise, total, allowed = step.norm(random), step.norm(u, springs=True), FACTOR * self.error
-        self.resolution = max(self.resolution, noise / max(total, TINY))
         most = allowed * total + noise
-        self.say("reactions", step.norm(response(scene.Z.T @ q, 0.0 * h)), most, at)
+        self.resolution = max(self.resolution, noise / max(total, TINY))
+        aside, balanced = step.norm(response(scene.Z.T @ q, 0.0 * h)), FACTOR * self.imbalance * total + noise
+        self.say("reactions", aside, balanced, at)
         self.say("law", step.norm(response(0.0 * r, h)), most, at)
         gap = 0.5 * step.norm(response(r, 0.0 * h)) ** 2
         for n, (own, joint, law) in enumerate(zip(step.own, step.joints, step.laws, strict=True)):
             fn, j = f[own].reshape(-1, joint.k), (joint.G @ u).reshape(-1, joint.k)
             self.say("cone", law.beyond(fn), ROUNDING * EPS, f"{joint.name}, {at}")
-            reach = max(step.c[n] * abs(fn).max(), (abs(joint.G) @ abs(u)).max())
-            point = MISREAD * self.error * reach + sharp.max()
-            self.say("law at every point", abs(h[own]).max(), point, f"{joint.name}, {at}")
+            reach = MISREAD * self.error * max(step.c[n] * abs(fn).max(), (abs(joint.G) @ abs(u)).max())
+            self.say("law at every point", abs(h[own]).max(), reach + sharp.max(), f"{joint.name}, {at}")
             gap += float(joint.w[:: joint.k] @ law.gap(j, fn, self.memory[n]))
             self.memory[n] = law.memory(j, fn, self.memory[n])
         self.say("gap", gap, most * total, at)
