@@ -319,7 +319,8 @@ class Check:
         random = response(scene.Z.T @ (rounding * signs[: len(u)]), sharp * signs[len(u) :])
         noise, total, allowed = step.norm(random), step.norm(u, springs=True), FACTOR * self.error
         most = allowed * total + noise
-        self.resolution = max(self.resolution, noise / max(total, TINY))
+        spread, size = np.linalg.norm(random), np.linalg.norm(u)
+        self.resolution = max(self.resolution, noise / max(total, TINY), spread / max(size, TINY))
         aside, balanced = step.norm(response(scene.Z.T @ q, 0.0 * h)), FACTOR * self.imbalance * total + noise
         self.say("reactions", aside, balanced, at)
         self.say("law", step.norm(response(0.0 * r, h)), most, at)
@@ -335,8 +336,7 @@ class Check:
         exact = step.newton(noise / max(total, TINY))
         self.true = max(self.true, step.norm(u - exact) / max(total, TINY))
         self.say("error", step.norm(u - exact), most, at)
-        most = allowed * np.linalg.norm(exact) + np.linalg.norm(random)
-        self.say("displacement", np.linalg.norm(u - exact), most, at)
+        self.say("displacement", np.linalg.norm(u - exact), allowed * size + spread, at)
 
     def balance(self, u: Array, acting: Array, terms: Array, rounding: Array, at: str) -> None:
         """Forces and moments of every part, and forces at its nodes, relative to all that acts on it."""

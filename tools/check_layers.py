@@ -86,6 +86,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "fields",
         "chaos",
         "space",
+        "sobol",
         "quantities",
     ),
     "geometry": (
