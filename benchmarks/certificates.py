@@ -1,9 +1,9 @@
 """Do valid certificates pass, and spoiled ones fail? Scenes of the campaign, solved, certified, checked.
 
 Each scene is drawn as in ``./run bench campaign``, static or a history, solved with random settings; its
-certificate is checked by ``tools/check_certificate.py``. Then one thing in it is spoiled by ten times the error
-that it states (or that rounding allows to see, where that is larger), and it must fail. What a certificate refuses
-(laws of the user) and what has no answer is drawn again.
+certificate is checked by ``tools/check_certificate.py``. Then one thing in it is spoiled by ten times the
+error that it states (or that rounding allows to see, where that is larger), and it must fail. What a
+certificate refuses (laws of the user) and what has no answer is drawn again.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ ATTEMPTS = 6
 PLACE = 1e-300
 QUIET = 1e-6
 """Forces on a part below this share of those on another one are none."""
+TRIAL = 1e-3
+"""Relative change of a law by which its worth is measured."""
 LARGE = 0.1
 """Largest relative change of a law."""
 
@@ -168,7 +170,10 @@ class Spoiler:
         if not whole[:, axis].sum() > 1e-9 * self.terms().max():
             return None
         load = np.array(self.arrays[f"part{k}.load"][self.t]).reshape(-1, d)
-        load[:, axis] += self.imbalance * whole[:, axis].sum() / len(load)
+        inner = (abs(self.scene.parts[k].K) @ np.abs(self.u[s:e])).reshape(-1, d)
+        rounding = self.tool.ROUNDING * self.tool.EPS * (whole + inner)[:, axis].sum()
+        size = max(self.imbalance * whole[:, axis].sum(), self.times * rounding)
+        load[:, axis] += size / len(load)
         return self.changed(f"part{k}.load", load)
 
     def sign(self) -> dict[str, Any] | None:
@@ -215,7 +220,7 @@ class Spoiler:
             return None
         values = np.array(self.arrays[key][self.t])
         scale = np.abs(values).max() or np.abs(joint.G @ self.u).max() or 1.0
-        trial = 1e-6 * scale
+        trial = TRIAL * scale
 
         def left(arrays: dict[str, Any]) -> np.ndarray:
             kept = joint.laws

@@ -27,7 +27,7 @@ SHARP = 1e-9  # what holds but for rounding holds to this
 FACTOR = 3.0  # an error is stated within this factor
 MISREAD = 10.0  # what is true of the whole is true of a point within this one
 STEPS = 40  # of Newton's method
-TINY = 1e-300
+SMALL, TINY = 1e-7, 1e-300
 PAIRS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
 KINDS = ("perfect", "elastic", "force", "contact", "coulomb", "preload", "debonding")
 
@@ -255,19 +255,19 @@ class Step:
         for own, law, c, before in zip(self.own, self.laws, self.c, self.memory, strict=True):
             k, inside = law.k, 0.0 if law.kind == "debonding" else c
             z = (j[own] + inside * f[own]).reshape(-1, k)
-            unit = 1e-7 * max(abs(z).max(), c * abs(f[own]).max(), TINY)
+            unit = SMALL * max(abs(z).max(), c * abs(f[own]).max(), TINY)
             both = [[law.force(z + s * unit * e, inside, before) for s in (1, -1)] for e in np.eye(k)]
             slopes = c * np.stack([(up - down) / (2.0 * unit) for up, down in both], axis=2)
             R = sp.bsr_matrix((slopes, np.arange(len(z)), np.arange(len(z) + 1)), shape=(z.size, z.size))
             h[own] = c * (f[own] - law.force(z, inside, before).ravel())
             by_j.append(-R)
-            by_f.append(c * sp.identity(z.size) - inside * R)
+            by_f.append((1.0 + SMALL) * c * sp.identity(z.size) - inside * R)  # forces need not be unique
         r = Z.T @ (self.scene.K @ u - self.load + self.G.T @ (self.w * f))
         D, E = sp.block_diag(by_j) @ self.B, sp.block_diag(by_f)
         return r, h, splu(sp.bmat([[self.reduced, self.B.T @ sp.diags(self.w)], [D, E]], format="csc"))
 
-    def newton(self, rounding: float) -> Array:
-        """The exact displacements up to their relative rounding, from the answer; NaN: not found."""
+    def newton(self, inexact: float) -> Array:
+        """The exact displacements, from the answer, as far as steps fall, and below a share; NaN: not found."""
         u, f, best, Z = self.u, self.f, np.inf, self.scene.Z
         for _ in range(STEPS):
             r, h, lu = self.residuals(u, f)
@@ -275,7 +275,7 @@ class Step:
             moved = Z @ step[: len(r)]
             u, f = u + moved, f + step[len(r) :]
             last = self.norm(moved) / max(self.norm(u, springs=True), TINY)
-            if max(SHARP, rounding) >= last >= 0.5 * best or last < EPS:
+            if max(SHARP, inexact) >= last >= 0.5 * best or last < EPS:
                 return u
             best = min(best, last)
         return np.full(len(u), np.nan)
@@ -333,7 +333,7 @@ class Check:
             gap += float(joint.w[:: joint.k] @ law.gap(j, fn, self.memory[n]))
             self.memory[n] = law.memory(j, fn, self.memory[n])
         self.say("gap", gap, most * total, at)
-        exact = step.newton(noise / max(total, TINY))
+        exact = step.newton(max(noise / max(total, TINY), self.error / MISREAD))
         self.true = max(self.true, step.norm(u - exact) / max(total, TINY))
         self.say("error", step.norm(u - exact), most, at)
         self.say("displacement", np.linalg.norm(u - exact), allowed * size + spread, at)

@@ -71,7 +71,7 @@ def _refused(why: str) -> SceneError:
 
 def _content(answer: Any) -> Arrays:
     problem: Problem = answer.problem
-    times = [None] if answer.times is None else [float(t) for t in answer.times]
+    times: list[float | None] = [None] if answer.times is None else [float(t) for t in answer.times]
     arrays: Arrays = {}
     parts = [_part(arrays, f"part{k}.", part) for k, part in enumerate(problem.substructures.values())]
     interfaces = [

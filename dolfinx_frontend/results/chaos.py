@@ -501,9 +501,11 @@ class ChaosResult(Result, StochasticResult):
         return force[0], jump[0]
 
     def sobol(self, interface: str) -> dict[str, Sobol]:
-        """Sobol indices ([T *] m * components,) of the interface force, by random source; NaN where it scatters
-        by no more than its error, relative to the largest force. ``quantity(...).sobol()`` has those of any
-        number."""
+        """Sobol indices ([T *] m * components,) of the interface force, by random source.
+
+        NaN where it scatters by no more than its error, relative to the largest force. Those of any number
+        are ``quantity(...).sobol()``.
+        """
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         deviations = np.sqrt(np.sum(block[:, 1:] ** 2, axis=1))
         least = TRUSTED * self.error * max(np.abs(block[:, 0]).max(), deviations.max())

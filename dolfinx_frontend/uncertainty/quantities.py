@@ -38,7 +38,8 @@ from dolfinx_frontend.uncertainty.sobol import shares_of_samples
 from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
 __all__ = [
-    "Density", "Estimate", "Histogram", "Inputs", "Kind", "Quantity", "SobolEstimate", "SobolIndices", "sobol_of"
+    "Density", "Estimate", "Histogram", "Inputs", "Kind", "Quantity", "SobolEstimate", "SobolIndices",
+    "sobol_of",
 ]  # fmt: skip
 
 ROUNDING = 1e-14
@@ -434,8 +435,8 @@ class Quantity:
         values, known = self._samples("Sobol indices", least=2), self.inputs
         if known is None or not known.space.germs:
             raise SceneError(
-                f"quantity {self.name!r}: no Sobol indices of a {self.kind} without its germs; take them from "
-                "the answer of a chaos or of samples, before it is saved"
+                f"quantity {self.name!r}: no Sobol indices of a {self.kind} without its germs; take them "
+                "from the answer of a chaos or of samples, before it is saved"
             )
         if not np.std(values) > max(known.noise * abs(values.mean()), ROUNDING * np.abs(values).max()):
             none = Estimate(math.nan, math.nan, math.nan, level)
@@ -447,7 +448,7 @@ class Quantity:
         shares = shares_of_samples(known.space, known.germs[few], values[few], level)
         both = np.stack([shares.values, shares.low, shares.high], axis=2)
         found = {
-            name: SobolEstimate(*(Estimate(*map(float, both[i, k]), level) for i in range(2)))
+            name: SobolEstimate(*(Estimate(float(v), float(l), float(h), level) for v, l, h in both[:, k]))
             for k, name in enumerate(known.space.groups)
         }
         if known.at is not None and np.max(shares.high - shares.low) > NARROW:

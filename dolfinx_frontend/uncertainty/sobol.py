@@ -1,8 +1,9 @@
 """Sobol indices from samples that are there: a polynomial of the germs, and what it does not explain.
 
-With g the polynomial of least squares and e = f - g, the projections P of f on the functions of some of the germs
-obey | |P f| - |P g| | <= |e|: what is not explained bounds how far any index of f may be from that of g. Its share of
-the variance is measured by leaving samples out one by one; the scatter of the coefficients by leaving groups out.
+With g the polynomial of least squares and e = f - g, the projections P of f on the functions of some of the
+germs obey | |P f| - |P g| | <= |e|: what is not explained bounds how far any index of f may be from that of g.
+Its share of the variance is measured by leaving samples out one by one; the scatter of the coefficients by
+leaving groups out.
 """
 
 from __future__ import annotations
@@ -60,7 +61,9 @@ def shares_of_samples(space: RandomSpace, germs: Array, samples: Array, level: f
         Of the intervals.
     """
     values = (samples - samples.mean()) / samples.std()
-    best, unexplained, table = np.zeros((len(values), 0)), 1.0, np.zeros((0, space.dimension), dtype=int)
+    unexplained = 1.0
+    best: Array = np.zeros((len(values), 0))
+    table: Array = np.zeros((0, space.dimension))
     degree, best_degree, known = 0, 0, 0
     while degree < best_degree + PATIENCE or degree == 0:
         degree += 1
@@ -77,7 +80,7 @@ def shares_of_samples(space: RandomSpace, germs: Array, samples: Array, level: f
         left = (values - q @ (q.T @ values)) / np.maximum(1.0 - np.einsum("np,np->n", q, q), 1e-12)
         share = float(np.mean(left**2))
         if share < unexplained:
-            best, unexplained, table = psi, share, np.asarray(basis.indices.table)
+            best, unexplained, table = psi, share, np.asarray(basis.indices.table, dtype=np.float64)
             best_degree = degree
     if not len(table):
         nothing = np.zeros((2, len(space.groups)))
@@ -101,7 +104,8 @@ def _intervals(
 
     def shares(matrix: Array, right: Array) -> Array:
         squares = np.where(varies, np.linalg.solve(matrix, right) ** 2, 0.0)
-        return np.array([(inside & ~outside) @ squares, inside @ squares]) / (squares.sum() + unexplained)
+        both = np.array([(inside & ~outside) @ squares, inside @ squares])
+        return np.asarray(both / (squares.sum() + unexplained))
 
     matrix, right = psi.T @ psi, psi.T @ values
     found = shares(matrix, right)

@@ -171,7 +171,8 @@ def curved() -> Any:
 
 
 SCENES: list[Callable[[], Any]] = [
-    friction, tresca, bolted, lap, matching, springs, bond, section, soft_contact, orthotropic, heated, curved,
+    friction, tresca, bolted, lap, matching, springs, bond, section, soft_contact, orthotropic, heated,
+    curved,
 ]  # fmt: skip
 
 
