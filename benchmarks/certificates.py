@@ -73,7 +73,8 @@ class Spoiler:
         self.scene = self.tool.Scene(self.head, {k: v for k, v in self.arrays.items() if k != "certificate"})
         found = self.tool.check(str(path))
         self.rng = np.random.default_rng(seed)
-        self.true, self.resolution = found.true, found.resolution
+        self.true = found.used["error"] * self.tool.FACTOR * found.error
+        self.resolution = found.resolution
         self.error = times * max(found.error, found.resolution)
         self.imbalance = times * max(found.imbalance, found.resolution)
         self.t = int(self.rng.integers(len(self.scene.u)))
@@ -275,6 +276,9 @@ def one(seed: int, kind: str, folder: Path) -> dict[str, Any]:
         try:
             result = case.space["run"](case.assemble())
         except lf.SceneError:
+            continue
+        except (RuntimeError, MemoryError) as error:  # the campaign judges that
+            verdict |= {"outcome": "raised", "what": str(error)}
             continue
         if not result.converged:
             verdict["outcome"] = result.status

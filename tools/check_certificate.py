@@ -266,8 +266,8 @@ class Step:
         D, E = sp.block_diag(by_j) @ self.B, sp.block_diag(by_f)
         return r, h, splu(sp.bmat([[self.reduced, self.B.T @ sp.diags(self.w)], [D, E]], format="csc"))
 
-    def newton(self, inexact: float) -> Array:
-        """The exact displacements, from the answer, as far as steps fall, and below a share; NaN: not found."""
+    def newton(self, inexact: float) -> tuple[Array, Array]:
+        """The exact answer, from that which is stated: steps fall no more, and are below a share; or NaN."""
         u, f, best, Z = self.u, self.f, np.inf, self.scene.Z
         for _ in range(STEPS):
             r, h, lu = self.residuals(u, f)
@@ -276,9 +276,9 @@ class Step:
             u, f = u + moved, f + step[len(r) :]
             last = self.norm(moved) / max(self.norm(u, springs=True), TINY)
             if max(SHARP, inexact) >= last >= 0.5 * best or last < EPS:
-                return u
+                return u, f
             best = min(best, last)
-        return np.full(len(u), np.nan)
+        return np.full(len(u), np.nan), f
 
 
 class Check:
@@ -287,8 +287,9 @@ class Check:
     def __init__(self, scene: Scene, head: dict) -> None:
         self.scene, self.error, self.imbalance = scene, float(head["error"]), float(head["imbalance"])
         self.failed, self.used = list[str](), dict[str, float]()
-        self.resolution = self.true = 0.0
-        self.memory = [np.zeros((j.force[0].shape[0], max(j.k - 1, 1))) for j in scene.joints]
+        self.resolution = 0.0
+        start = [np.zeros((j.force[0].shape[0], max(j.k - 1, 1))) for j in scene.joints]
+        self.memory, self.exact = list(start), list(start)  # of the answer, and of the exact one
         for t in range(len(scene.u)):
             try:
                 self.step(t, f"step {t}")
@@ -314,29 +315,28 @@ class Check:
         def response(r: Array, h: Array) -> Array:
             return scene.Z @ lu.solve(np.concatenate([r, h]))[: len(r)]
 
-        sharp = ROUNDING * EPS * (abs(step.G) @ abs(u) + step.softness * abs(f))
+        moved = abs(step.G) @ abs(u)
+        sharp, work = ROUNDING * EPS * (moved + step.softness * abs(f)), step.w @ (abs(f) * moved)
         signs = np.random.default_rng(0).choice((-1.0, 1.0), len(u) + len(h))
         random = response(scene.Z.T @ (rounding * signs[: len(u)]), sharp * signs[len(u) :])
         noise, total, allowed = step.norm(random), step.norm(u, springs=True), FACTOR * self.error
-        most = allowed * total + noise
-        spread, size = np.linalg.norm(random), np.linalg.norm(u)
+        most, spread, size = allowed * total + noise, np.linalg.norm(random), np.linalg.norm(u)
         self.resolution = max(self.resolution, noise / max(total, TINY), spread / max(size, TINY))
         aside, balanced = step.norm(response(scene.Z.T @ q, 0.0 * h)), FACTOR * self.imbalance * total + noise
         self.say("reactions", aside, balanced, at)
-        self.say("law", step.norm(response(0.0 * r, h)), most, at)
-        gap = 0.5 * step.norm(response(r, 0.0 * h)) ** 2
-        for n, (own, joint, law) in enumerate(zip(step.own, step.joints, step.laws, strict=True)):
-            fn, j = f[own].reshape(-1, joint.k), (joint.G @ u).reshape(-1, joint.k)
-            self.say("cone", law.beyond(fn), ROUNDING * EPS, f"{joint.name}, {at}")
-            reach = MISREAD * self.error * max(step.c[n] * abs(fn).max(), (abs(joint.G) @ abs(u)).max())
-            self.say("law at every point", abs(h[own]).max(), reach + sharp.max(), f"{joint.name}, {at}")
-            gap += float(joint.w[:: joint.k] @ law.gap(j, fn, self.memory[n]))
-            self.memory[n] = law.memory(j, fn, self.memory[n])
-        self.say("gap", gap, most * total, at)
-        exact = step.newton(max(noise / max(total, TINY), self.error / MISREAD))
-        self.true = max(self.true, step.norm(u - exact) / max(total, TINY))
+        gap, step.memory = 0.5 * step.norm(response(r, 0.0 * h)) ** 2, self.exact
+        exact, forces = step.newton(max(noise / max(total, TINY), self.error / MISREAD))
         self.say("error", step.norm(u - exact), most, at)
         self.say("displacement", np.linalg.norm(u - exact), allowed * size + spread, at)
+        for n, (own, joint, law) in enumerate(zip(step.own, step.joints, step.laws, strict=True)):
+            every = (step.G @ u, f, step.G @ exact, forces)
+            j, fn, *its = (each[own].reshape(-1, law.k) for each in every)
+            self.say("cone", law.beyond(fn), ROUNDING * EPS, f"{joint.name}, {at}")
+            reach = MISREAD * self.error * max(step.c[n] * abs(fn).max(), moved[own].max())
+            self.say("law at every point", abs(h[own]).max(), reach + sharp.max(), f"{joint.name}, {at}")
+            gap += float(joint.w[:: joint.k] @ law.gap(j, fn, self.memory[n]))
+            self.memory[n], self.exact[n] = law.memory(j, fn, self.memory[n]), law.memory(*its, self.exact[n])
+        self.say("gap", gap, most * total + MISREAD * self.error * work, at)
 
     def balance(self, u: Array, acting: Array, terms: Array, rounding: Array, at: str) -> None:
         """Forces and moments of every part, and forces at its nodes, relative to all that acts on it."""

@@ -1,8 +1,8 @@
 """Sobol indices from samples that are there: a polynomial of the germs, and what it does not explain.
 
-With g the polynomial of least squares and e = f - g, the projections P of f on the functions of some of the
-germs obey | |P f| - |P g| | <= |e|: what is not explained bounds how far any index of f may be from that of g.
-Its share of the variance is measured by leaving samples out one by one; the scatter of the coefficients by
+With g the polynomial of least squares and e = f - g, the projections P of f on functions of some of the germs
+obey | |P f| - |P g| | <= |e|: what is not explained bounds how far any index of f may be from that of g. Its
+share of the variance is measured by leaving samples out one by one; the scatter of the coefficients by
 leaving groups out.
 """
 
