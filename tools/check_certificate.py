@@ -119,6 +119,7 @@ class Law:
         self.p = p = {name: v[t].reshape(m, -1) for name, v in joint.laws.items()}
         self.jump, self.kappa = p.get("jump", np.zeros((m, self.k))), np.zeros((m, self.k))
         self.soft, self.soft_t = p.get("compliance", 0.0), p.get("tangential_compliance", 0.0)
+        self.steep = p["normal"].max() if self.kind == "debonding" else 0.0
         if self.kind == "elastic":
             self.kappa[:] = np.hstack([p["normal"], np.repeat(p["tangential"], self.k - 1, axis=1)])
 
@@ -238,7 +239,8 @@ class Step:
         self.f = np.hstack([np.zeros(0), *(joint.force[t].ravel() for joint in self.joints)])
         self.own = [slice(*each) for each in itertools.pairwise(np.cumsum([0, *counts]))]
         soft = self.G.multiply(self.G) @ (1.0 / scene.K.diagonal()) * self.w
-        self.c = [float(soft[own].mean()) for own in self.own]
+        both = zip(self.own, self.laws, strict=True)
+        self.c = [float(1.0 / (1.0 / soft[own].mean() + law.steep)) for own, law in both]
         self.softness = np.repeat(np.array(self.c), np.array(counts, dtype=int))
         kappa = np.hstack([np.zeros(0), *(law.kappa.ravel() for law in self.laws)])
         self.A = scene.K + self.G.T @ sp.diags(self.w * kappa) @ self.G
@@ -341,12 +343,10 @@ class Check:
     def balance(self, u: Array, acting: Array, terms: Array, rounding: Array, at: str) -> None:
         """Forces and moments of every part, and forces at its nodes, relative to all that acts on it."""
         scene, R, unit = self.scene, self.scene.rigid.T, 1.0 / np.sqrt(self.scene.K.diagonal())
-        of = (abs(R @ acting), abs(R) @ terms, abs(R) @ rounding)
-        rigid = [each.reshape(len(scene.parts), -1) for each in of]
+        rows = [v.reshape(len(scene.parts), -1) for v in (abs(R @ acting), abs(R) @ terms, abs(R) @ rounding)]
         of = (unit * (scene.K @ u - acting), unit * terms, unit * rounding)
         nodes = [np.sqrt(np.add.reduceat(each**2, scene.starts[:-1])) for each in of]
-        of_kinds = (slice(scene.d), slice(scene.d, None))
-        forces, moments = ([each[:, own].max(axis=1) for each in rigid] for own in of_kinds)
+        forces, moments = zip(*([e.max(axis=1) for e in np.split(v, [scene.d], axis=1)] for v in rows))
         for what, (left, whole, floor) in (("force", forces), ("moment", moments), ("equilibrium", nodes)):
             allowed = FACTOR * self.imbalance * whole + floor + ROUNDING * EPS * whole.max()
             for part, size, most in zip(scene.parts, left, allowed, strict=True):
