@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import checked_seed, checked_whole
 from dolfinx_frontend.common.deferred import special, stats
 from dolfinx_frontend.common.errors import SceneError
@@ -141,14 +141,14 @@ def bounds_of_indices(u: Array, values: Array, slopes: Array) -> tuple[Array, Ar
         Points (n, L) of standard normal scores, values (n,) and gradients (n, L) there.
     """
 
-    def ratios(kept: Array) -> Array:
+    def ratios(kept: Ints) -> Array:
         own = slopes[kept]
         mean = own.mean(axis=0)
         rest = values[kept] - u[kept] @ mean
         return np.asarray(np.mean(own**2, axis=0) / (mean @ mean + rest.var(ddof=1)))
 
     count = len(values)
-    every: Array = np.arange(count)
+    every: Ints = np.arange(count, dtype=np.int64)
     found = ratios(every)
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log([ratios(np.delete(every, k)) for k in range(count)])
