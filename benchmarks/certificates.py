@@ -172,7 +172,8 @@ class Spoiler:
             return None
         load = np.array(self.arrays[f"part{k}.load"][self.t]).reshape(-1, d)
         inner = (abs(self.scene.parts[k].K) @ np.abs(self.u[s:e])).reshape(-1, d)
-        rounding = self.tool.ROUNDING * self.tool.EPS * (whole + inner)[:, axis].sum()
+        of_all = (whole + inner)[:, axis].sum() + self.terms().sum()  # rounding passes from part to part
+        rounding = self.tool.ROUNDING * self.tool.EPS * of_all
         size = max(self.imbalance * whole[:, axis].sum(), self.times * rounding)
         load[:, axis] += size / len(load)
         return self.changed(f"part{k}.load", load)
