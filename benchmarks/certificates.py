@@ -148,6 +148,7 @@ class Spoiler:
         rounding = self.tool.ROUNDING * self.tool.EPS * (terms + abs(self.scene.K) @ np.abs(self.u))
         every = (unit * (joint.G.T @ (joint.w * change)), unit * terms, unit * rounding)
         nodal, whole, floor = (np.array([np.linalg.norm(v[s:e]) for s, e in self.spans()]) for v in every)
+        floor += self.tool.ROUNDING * self.tool.EPS * whole.max()
         seen = np.maximum(self.imbalance * np.maximum(whole, QUIET * whole.max()), self.times * floor)
         ratio = float((nodal / np.maximum(seen, PLACE)).max())
         return None if ratio == 0.0 else self.changed(f"interface{name}.force", f + change / ratio)
