@@ -86,6 +86,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "fields",
         "chaos",
         "space",
+        "sobol",
         "quantities",
     ),
     "geometry": (
@@ -182,6 +183,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "surfaces",
         "points",
         "reactions",
+        "certificate",
         "readings",
         "tables",
         "stress",

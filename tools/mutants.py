@@ -16,9 +16,9 @@ that include its folder.
     broken      it does not compile
     unjudged    the tests fail without a fault, too
 
-The floor is a record of such a run, ``tools/mutants.json``, which ``--keep`` writes: its faults are made again
-wherever the lines that they change still stand, others are drawn in the place of those that are gone, and a
-fault that was killed must not survive. (Shares of two draws differ by chance, 60 mutants by 6 % of deviation;
+The floor is a record of such a run, ``tools/mutants.json``, which ``--keep`` writes: its faults are made
+again wherever the lines that they change still stand, others are drawn in the place of those that are gone,
+and a fault that was killed must not survive. (Shares of two draws differ by chance, 60 mutants by 6 % of deviation;
 the 95 % interval is printed.) Results are kept by seed and state of sources and tests: a run that was stopped
 is gone on with.
 """
@@ -301,7 +301,8 @@ def main() -> None:
     excused = excuses()
     bench = Bench(scratch)
     unjudged = {"status": "unjudged"}  # they get another try: the machine may have been too busy
-    waiting = [mark for mark, each in chosen.items() if done.get(repr(each), unjudged)["status"] == "unjudged"]
+    found = {mark: done.get(repr(each), unjudged)["status"] for mark, each in chosen.items()}
+    waiting = [mark for mark, status in found.items() if status == "unjudged"]
     if waiting:
         print(f"building a copy in {scratch} ...", file=sys.stderr, flush=True)
         bench.built({"python" if path.endswith(".py") else "cpp" for path, *_ in waiting})

@@ -789,6 +789,6 @@ def bounds_of_a_screening(rtol: float) -> Any:
     for points in (8, 16, 32):
         for seed in range(2):
             r = lf.screen(problem, "bolt", points=points, seed=seed)
-            found = next(iter(r.bounds.values()))
+            found = next(iter(r.limits.values()))
             wrong += sum(bound < totals[name] for name, bound in found.items())
     return {"below": float(wrong)}

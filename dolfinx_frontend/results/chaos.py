@@ -51,7 +51,7 @@ from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.quantities import Kind, Quantity
+from dolfinx_frontend.uncertainty.quantities import Inputs, Kind, Quantity
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
 __all__ = ["NOISE", "ChaosResult", "Sampler", "TruncationError"]
@@ -64,6 +64,9 @@ CHUNK = 512
 
 POINTS_OF_MISFIT = 2**8
 """Sobol points at which a linear law is compared with its chaos."""
+
+TRUSTED = 3.0
+"""A stated error is right within this factor."""
 
 NOISE = 100.0
 """A standard deviation below this many times the tolerance, relative to the mean, is noise."""
@@ -498,9 +501,17 @@ class ChaosResult(Result, StochasticResult):
         return force[0], jump[0]
 
     def sobol(self, interface: str) -> dict[str, Sobol]:
-        """Sobol indices ([T *] m * components,) of the interface force, by random source."""
+        """Sobol indices ([T *] m * components,) of the interface force, by random source.
+
+        NaN where it scatters by no more than its error, relative to the largest force. Those of any number
+        are ``quantity(...).sobol()``.
+        """
         block = self.force_coefficients(interface).reshape(-1, self.modes)
-        return self.space.sobol(block, self.basis)
+        deviations = np.sqrt(np.sum(block[:, 1:] ** 2, axis=1))
+        least = TRUSTED * self.error * max(np.abs(block[:, 0]).max(), deviations.max())
+        none = np.where(deviations > least, 0.0, np.nan)
+        found = self.space.sobol(block, self.basis)
+        return {name: Sobol(each.first + none, each.total + none) for name, each in found.items()}
 
     def at(self, germs: npt.ArrayLike) -> Block:
         """Fields at points (N, L) of the germs."""
@@ -590,7 +601,17 @@ class ChaosResult(Result, StochasticResult):
             solved = self.sampler(self, germs, keep_states=True)
             return solved.quantity(function, name, step=step).values
 
-        return WitnessedQuantity(name=name, unit=unit, values=found.values, kind=found.kind, solve=solve)
+        return WitnessedQuantity(
+            name=name, unit=unit, values=found.values, kind=found.kind, inputs=found.inputs, solve=solve
+        )
+
+    def inputs(self, number: Callable[[Block], Array], germs: Array) -> Inputs:
+        """The germs, and the chaos as what it is evaluated by."""
+
+        def at(points: Array) -> Array:
+            return np.concatenate([number(self.at(part)) for part in self._in_parts(points, CACHED)])
+
+        return Inputs(self.space, germs, TRUSTED * self.error, at)
 
     @together("readings")
     def readings(

@@ -52,7 +52,7 @@ from dolfinx_frontend.results.stress import stress_function
 from dolfinx_frontend.results.surfaces import surface_of
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
-from dolfinx_frontend.uncertainty.quantities import Kind, Quantity
+from dolfinx_frontend.uncertainty.quantities import Inputs, Kind, Quantity
 
 __all__ = ["Face"]
 
@@ -607,18 +607,27 @@ class Face(ABC):
         where = f"quantity {name!r}"
         if isinstance(number, AtPoint):
             number = over_all_ranks(number.on(self.problem), self.problem)
+
+        def values(block: Block) -> Array:
+            return one_number_a_sample(told_call(where, number, block), len(block), name)
+
         blocks = self.many(self.draws if samples is None else samples, seed)
-        found = [
-            (one_number_a_sample(told_call(where, number, b), len(b), name), b.weights) for b in blocks
-        ]
-        weights = [w for _, w in found if w is not None]
+        found = [(values(b), b.weights, b.germs) for b in blocks]
+        weights = [w for _, w, _ in found if w is not None]
+        germs = [g for _, _, g in found if g is not None]
         return Quantity(
             name=name,
             unit=unit,
-            values=np.concatenate([values for values, _ in found]),
+            values=np.concatenate([each for each, _, _ in found]),
             weights=np.concatenate(weights) if weights else None,
             kind=self.statistics,
+            inputs=self.inputs(values, np.concatenate(germs)) if germs else None,
         )
+
+    def inputs(self, number: Callable[[Block], Array], germs: Array) -> Inputs | None:
+        """What a number of a random answer depends on, known at points (N, L) of the germs; None: that is not
+        known."""
+        return None
 
     def reaction(self, interface: str, component: str, step: int = -1) -> Callable[[Block], Array]:
         """The reaction of a support or glued face for :meth:`quantity`, see

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -25,6 +26,7 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
 from dolfinx_frontend.results.acting import load_factors, mean_number
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
+from dolfinx_frontend.results.certificate import write_certificate
 from dolfinx_frontend.results.errors import (
     Continuation,
     Errors,
@@ -242,6 +244,24 @@ class Result(Value, Face):
             asked for, or the energy norm.
         """
         return self.estimator(self, quantity)
+
+    def certificate(self, path: str | Path) -> None:
+        """Write the answer with all that proves it, for ``tools/check_certificate.py`` (docs/certificate.md).
+
+        Parameters
+        ----------
+        path
+            ``.npz``; an existing file is replaced when the new one is complete.
+
+        Raises
+        ------
+        SceneError
+            What cannot be certified, by its name: user laws, materials that vary, matrices, axisymmetry,
+            rigid faces, several ranks; an error that is not known.
+        FileError
+            The file cannot be written.
+        """
+        write_certificate(self, path)
 
     def spent(self) -> str:
         """Where the time and the memory went, beside what the plan predicted, as a table."""

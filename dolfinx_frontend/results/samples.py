@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -32,7 +32,7 @@ from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.scene.loads import LoadTerm
-from dolfinx_frontend.uncertainty.quantities import Kind
+from dolfinx_frontend.uncertainty.quantities import Inputs, Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["SampleResult"]
@@ -158,6 +158,10 @@ class SampleResult(Value, PointResults, StochasticResult):
     def _block(self, part: slice) -> Block:
         weights = None if self.weights is None else self.weights[part]
         return replace(super()._block(part), germs=self.germs[part], weights=weights)
+
+    def inputs(self, number: Callable[[Block], Array], germs: Array) -> Inputs:
+        """The germs: nothing more is known than the values."""
+        return Inputs(self.space, germs, largest_of(np.ravel(self.error)))
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
         """The samples, some at a time."""

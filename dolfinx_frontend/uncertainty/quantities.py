@@ -34,10 +34,18 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.uncertainty.sobol import shares_of_samples
 from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
-__all__ = ["Density", "Estimate", "Histogram", "Kind", "Quantity", "SobolEstimate", "sobol_of"]
+__all__ = [
+    "Density", "Estimate", "Histogram", "Inputs", "Kind", "Quantity", "SobolEstimate", "SobolIndices",
+    "sobol_of",
+]  # fmt: skip
 
+ROUNDING = 1e-14
+"""A standard deviation below this share of the largest value is none."""
+NARROW = 0.01
+"""Width of an interval of a Sobol index that needs no second estimate."""
 MOST_BINS = 10**6
 """Bins of a histogram."""
 
@@ -93,6 +101,36 @@ class SobolEstimate(NamedTuple):
     total: Estimate  # fraction in which it takes part
 
 
+class SobolIndices(dict[str, SobolEstimate]):
+    """Source -> its indices, printed as a table; all NaN where there is no variance to share."""
+
+    def __repr__(self) -> str:
+        if all(math.isnan(each.total.high) for each in self.values()):
+            return "no variance: the quantity depends on nothing random by more than its error"
+        lines = [f"  {name:<12} first {each.first}, total {each.total}" for name, each in self.items()]
+        return "\n".join(["Sobol indices", *lines])
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the values of a quantity depend on.
+
+    Attributes
+    ----------
+    space, germs
+        The germs, and the points (N, L) that the values belong to.
+    noise
+        Relative error of a value: scatter below it is none.
+    at
+        Points (n, L) -> the quantity (n,) there, where that costs little; None: only the values are known.
+    """
+
+    space: RandomSpace
+    germs: Array
+    noise: float = 0.0
+    at: Callable[[Array], Array] | None = None
+
+
 def _check_level(level: float) -> None:
     checked_number("interval", "level", level, above=0.0, below=1.0)
 
@@ -113,6 +151,8 @@ class Quantity:
         ``"random"``: independent samples; ``"qmc"``: scrambled Sobol points; ``"quadrature"``: the
         points of a rule, which give moments and nothing else; ``"value"``: one value that is not
         random; ``"grid"``: values at the points of a sweep, which have no statistics.
+    inputs
+        What it depends on; None: that is not known.
 
     Raises
     ------
@@ -125,6 +165,7 @@ class Quantity:
     values: Array = field(kw_only=True)
     weights: Array | None = field(default=None, kw_only=True)
     kind: Kind = field(default="random", kw_only=True)
+    inputs: Inputs | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         where = f"quantity {checked_name('quantity', self.name)!r}"
@@ -370,6 +411,51 @@ class Quantity:
             bins = checked_whole(where, "bins", bins, 1, MOST_BINS)
         pdf, edges = np.histogram(values, bins=bins, density=True)
         return Histogram(edges, pdf)
+
+    def sobol(self, level: float = 0.95, n: int = 2**12, seed: int = 0) -> SobolIndices:
+        """Shares of the variance by source, first and total, with intervals.
+
+        From samples by a polynomial of the germs: the interval contains what it does not explain, and is wide
+        where that is much. A chaos is evaluated at 2 ** 12 points a source as well (:func:`sobol_of`), and
+        what has the narrower intervals is returned. Germs that are correlated, or of one field, count as one.
+
+        Parameters
+        ----------
+        level
+            Of the intervals.
+        n, seed
+            Of a chaos: points, a power of two.
+
+        Raises
+        ------
+        SceneError
+            Nothing is random, its germs are not known (a saved answer), or it is from the points of a rule.
+        """
+        _check_level(level)
+        values, known = self._samples("Sobol indices", least=2), self.inputs
+        if known is None or not known.space.germs:
+            raise SceneError(
+                f"quantity {self.name!r}: no Sobol indices of a {self.kind} without its germs; take them "
+                "from the answer of a chaos or of samples, before it is saved"
+            )
+        if not np.std(values) > max(known.noise * abs(values.mean()), ROUNDING * np.abs(values).max()):
+            none = Estimate(math.nan, math.nan, math.nan, level)
+            return SobolIndices({name: SobolEstimate(none, none) for name in known.space.groups})
+        if len(known.space.groups) == 1:  # it has the whole variance
+            one = Estimate(1.0, 1.0, 1.0, level)
+            return SobolIndices({name: SobolEstimate(one, one) for name in known.space.groups})
+        few = slice(None) if known.at is None else slice(n)
+        shares = shares_of_samples(known.space, known.germs[few], values[few], level)
+        both = np.stack([shares.values, shares.low, shares.high], axis=2)
+        found = {
+            name: SobolEstimate(*(Estimate(float(v), float(l), float(h), level) for v, l, h in both[:, k]))
+            for k, name in enumerate(known.space.groups)
+        }
+        if known.at is not None and np.max(shares.high - shares.low) > NARROW:
+            other = sobol_of(known.at, known.space, n, seed, level)
+            widths = [max(e.high - e.low for each in of.values() for e in each) for of in (found, other)]
+            found = other if widths[1] < widths[0] else found
+        return SobolIndices(found)
 
     # -- table ---------------------------------------------------------------------------------
     def _rows(self) -> Iterator[tuple[str, Estimate]]:

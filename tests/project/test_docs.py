@@ -25,6 +25,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = [
     "axisymmetry.md",
     "bolts.md",
+    "certificate.md",
     "contact.md",
     "decks.md",
     "loads.md",

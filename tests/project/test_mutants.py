@@ -113,7 +113,8 @@ def test_the_draw_is_repeatable_and_even() -> None:
 
 def test_a_fault_is_found_again_where_its_line_stands() -> None:
     before = mutation.drawn({"k/a.cpp": CPP, "s/a.py": PYTHON}, ["k", "s"], 14, seed=5)
-    moved = {"k/a.cpp": "int more = 0;\n" + CPP, "s/a.py": PYTHON.replace("if not a <= LIMIT", "if a <= LIMIT")}
+    otherwise = PYTHON.replace("if not a <= LIMIT", "if a <= LIMIT")
+    moved = {"k/a.cpp": "int more = 0;\n" + CPP, "s/a.py": otherwise}
     after = mutation.drawn(moved, ["k", "s"], 14, seed=5, kept=list(before))
     gone = {mark for mark in before if "if not a <= LIMIT" in mark[2]}
     assert gone and gone.isdisjoint(after)

@@ -160,3 +160,42 @@ def test_pictures(samples: Any, tmp_path: Path) -> None:
     assert path.stat().st_size > 2000
     with pytest.raises(lf.SceneError, match=r"bolt \(3,\)"):
         lf.figures.joint_diagram(load, load[:3], load, tmp_path / "d.png", stiffness=1.0)
+
+
+def springs_in_series() -> lf.Problem:
+    """Three blocks in a row with two random springs between them, pulled by a force."""
+    scene = lf.Scene()
+    for k in range(3):
+        block = lf.geometry.box((1.0, 1.0), (1, 1), origin=(float(k), 0.0))
+        scene.substructure(f"p{k}", block, lf.LinearElastic(E=1e4, nu=0.0), degree=1)
+        scene.symmetry(f"p{k}:y0")
+    scene.interface("soft", "p0:x1", "p1:x0", lf.Elastic(normal=lf.LogNormal("k1", 10.0, cov=0.3)))
+    scene.interface("hard", "p1:x1", "p2:x0", lf.Elastic(normal=lf.LogNormal("k2", 20.0, cov=0.2)))
+    scene.fix("p0:x0", components=0)
+    scene.traction("p2:x1", (5.0, 0.0), name="pull")
+    return lf.assemble(scene)
+
+
+def test_sobol_indices_of_any_quantity() -> None:
+    """The end moves by p (1 / k1 + 1 / k2): Var(1 / k) = cov^2 (1 + cov^2)^2 / mean^2. The force is given."""
+    problem = springs_in_series()
+
+    def longer(block: Any) -> Any:
+        return sum(block.jump(name)[..., 0].mean(axis=-1) for name in ("soft", "hard"))
+
+    own = np.array([(c * (1.0 + c**2) / k) ** 2 for c, k in ((0.3, 10.0), (0.2, 20.0))])
+    truth = dict(zip(("k1", "k2"), own / own.sum(), strict=True))
+    chaos = lf.solve(problem, chaos=6, progress=False)
+    for answer in (chaos, lf.quasi_monte_carlo(problem, 128, progress=False)):
+        found = answer.quantity(longer).sobol()
+        for name, share in truth.items():
+            assert [each.value for each in found[name]] == pytest.approx([share, share], abs=1e-5)
+            assert all(each.low - 1e-5 <= share <= each.high + 1e-5 for each in found[name])
+        assert "no variance" in str(answer.quantity("soft.normal").sobol())
+    assert all(np.isnan(each.total).all() for each in chaos.sobol("soft").values())
+    with pytest.raises(lf.SceneError, match="Sobol"):
+        lf.solve(springs_at_means()).quantity("soft.normal").sobol()
+
+
+def springs_at_means() -> lf.Problem:
+    return springs_in_series().with_laws(values={"soft.normal": 10.0, "hard.normal": 20.0})

@@ -13,7 +13,7 @@ from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import FromSamples, Gamma, LogNormal, Normal, Uniform
-from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity, sobol_of
+from dolfinx_frontend.uncertainty.quantities import Estimate, Inputs, Quantity, sobol_of
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 
@@ -304,3 +304,97 @@ def test_sobol_of_special_cases():
         sobol_of(lambda x: np.full(len(x), np.nan), pair, 4)
     with pytest.raises(SceneError, match="nothing random"):
         sobol_of(lambda x: x[:, 0], RandomSpace([]), 4)
+
+
+# --- from samples -----------------------------------------------------------------------------------
+def ishigami(germs):
+    a, b, c = math.pi * germs.T
+    return np.sin(a) + 7.0 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a)
+
+
+ISHIGAMI = RandomSpace([Uniform(n, -math.pi, math.pi) for n in "abc"])
+
+
+def shares_of_ishigami():
+    alone, second = 0.5 * (1.0 + 0.1 * math.pi**4 / 5.0) ** 2, 49.0 / 8.0
+    together = 0.01 * math.pi**8 * 8.0 / 225.0
+    both = np.array([[alone, second, 0.0], [alone + together, second, together]])
+    return both / (alone + second + together)
+
+
+def indices_of(function, space, count, seed=0, **settings):
+    """(2, sources, 3): first and total, value and interval."""
+    germs = space.sample(count, seed)
+    found = Quantity("y", values=function(germs), inputs=Inputs(space, germs, **settings)).sobol()
+    assert list(found) == list(space.groups)
+    return np.array([[each[i][:3] for each in found.values()] for i in range(2)])
+
+
+def test_sobol_of_samples_of_ishigami():
+    """Within the interval, which narrows as the polynomial explains more."""
+    truth = shares_of_ishigami()
+    widths = []
+    for count in (64, 256, 512):
+        found = indices_of(ishigami, ISHIGAMI, count)
+        assert np.all(found[..., 1] <= truth + 1e-12) and np.all(truth <= found[..., 2] + 1e-12)
+        widths.append((found[..., 2] - found[..., 1]).max())
+    assert widths[0] > widths[1] > widths[2] and widths[2] < 0.3
+    assert found[..., 0] == pytest.approx(truth, abs=0.01)
+
+
+def test_sobol_of_samples_of_an_additive_function():
+    """a + 2 b^2 + 0.5 c with normal a, b, c and an idle d: 1, 8 and 1/4, exactly."""
+    space = RandomSpace([Normal(n, 0.0, std=1.0) for n in "abcd"])
+    found = indices_of(lambda g: g[:, 0] + 2.0 * g[:, 1] ** 2 + 0.5 * g[:, 2], space, 64)
+    truth = np.array([1.0, 8.0, 0.25, 0.0]) / 9.25
+    assert np.allclose(found, truth[None, :, None], atol=1e-9)
+
+
+def test_intervals_of_indices_of_a_kink_hold():
+    """max(a, 0) + b: the projection on a has the variance 1/2 - 1 / (2 pi)."""
+    space = RandomSpace([Normal(n, 0.0, std=1.0) for n in "ab"])
+    alone = 0.5 - 0.5 / math.pi
+    truth = np.array([alone, 1.0]) / (alone + 1.0)
+    held = []
+    for seed in range(40):
+        found = indices_of(lambda g: np.maximum(g[:, 0], 0.0) + g[:, 1], space, 128, seed)
+        held.append((found[..., 1] <= truth) & (truth <= found[..., 2]))
+    assert np.mean(held) > 0.95
+
+
+def test_sobol_of_correlated_samples_and_few_samples():
+    """A correlated pair is one source; of fewer samples than two for every mode nothing is known."""
+    pair = Correlated([Normal("k", 0.0, std=1.0), Normal("K", 0.0, std=1.0)], [[1, 0.5], [0.5, 1]])
+    space = RandomSpace([*pair, Normal("g", 0.0, std=1.0)])
+
+    found = indices_of(lambda g: g[:, 0] + g[:, 2], space, 64)
+    assert np.allclose(found, 0.5, atol=1e-9)
+    assert np.all(np.isnan(indices_of(lambda g: g[:, 0] + g[:, 2], space, 5)[..., 0]))
+
+
+def test_no_variance_has_no_indices():
+    """A force that equilibrium fixes: what scatters is the error of the solver."""
+    space = RandomSpace([Normal(n, 0.0, std=1.0) for n in "ab"])
+    germs = space.sample(50, 0)
+    quantity = Quantity("y", values=100.0 + 1e-6 * germs[:, 0], inputs=Inputs(space, germs, noise=1e-7))
+    found = quantity.sobol()
+    assert "no variance" in str(found) and all(math.isnan(e.total.value) for e in found.values())
+    again = Quantity("y", values=100.0 + 1e-6 * germs[:, 0], inputs=Inputs(space, germs, noise=1e-9)).sobol()
+    assert again["a"].first.value == pytest.approx(1.0) and "first 1" in str(again)
+    with pytest.raises(SceneError, match="'y'.*germs"):
+        Quantity("y", values=germs[:, 0]).sobol()
+    rule = Quantity("y", values=[1.0, 2.0], weights=[0.5, 0.5], kind="quadrature")
+    with pytest.raises(SceneError, match="quadrature"):
+        rule.sobol()
+
+
+def test_a_chaos_is_evaluated_where_a_polynomial_does_not_do():
+    """A step of one germ, which no polynomial explains: pick-freeze has the narrower interval."""
+    space = RandomSpace([Normal(n, 0.0, std=1.0) for n in "ab"])
+
+    def step(germs):
+        return (germs[:, 0] > 0.0) + 0.5 * germs[:, 1]
+
+    found = indices_of(step, space, 4096, at=step)
+    assert np.all(found[..., 2] - found[..., 1] < 0.1)
+    assert found[..., 0] == pytest.approx(np.full((2, 2), 0.5), abs=0.03)

@@ -14,7 +14,9 @@ from parts.rings import annulus
 RADIUS, CLEARANCE = 10.0, 0.05
 
 
-@pytest.mark.parametrize("around, friction, turn", [(24, 1.5, 0.17), (16, 0.8, 0.23), (24, 0.1, 0.1), (16, 0.05, 0.36)])
+@pytest.mark.parametrize(
+    "around, friction, turn", [(24, 1.5, 0.17), (16, 0.8, 0.23), (24, 0.1, 0.1), (16, 0.05, 0.36)]
+)
 @pytest.mark.parametrize("unit", [1.0, 1e3])
 def test_a_pin_on_a_vertex_of_its_hole(around: int, friction: float, turn: float, unit: float) -> None:
     """At first it rests on one vertex, on which it may roll; it carries the load that turns, step by step."""

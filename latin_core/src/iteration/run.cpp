@@ -337,25 +337,20 @@ Measured Run::verify(Measured measured, bool believed) {
       believed && newton_.whole() && newton_.hangs_on_nothing() && verification_->at_rounding();
   if (!found) {
     verification_->forget_rounding();  // it was that of a state far from an answer
-    if (rests) {
-      return measured;
-    }
-    // tangents of bodies whose stiffness varies are those of the means, and may lead nowhere
-    if (believed && (goes_on || !stages_.laws().scales_anywhere())) {
-      const Matrix& away = verification_->distance();
-      errors_ = away.size() > 0 ? larger(errors_, away) : errors_;
-      summary_.error = larger(error_.largest(errors_), 2.0 * options_.rtol);
-    }
-    return measured;
   }
-  if (error_.largest(found->errors) <= options_.rtol &&
-      found->imbalance <= Verification::bearable_imbalance * options_.rtol) {
-    // good enough: where points outnumber nodes the better one may have other forces at the points
+  const bool good = found && error_.largest(found->errors) <= options_.rtol &&
+                    found->imbalance <= Verification::bearable_imbalance * options_.rtol;
+  if (good) {
+    // where points outnumber nodes the better one may have other forces at the points
     errors_ = found->errors;
     summary_.error = error_.largest(errors_);
-    return measured;
+  } else if (!found && !rests && believed && (goes_on || !stages_.laws().scales_anywhere())) {
+    // tangents of bodies whose stiffness varies are those of the means, and may lead nowhere
+    const Matrix& away = verification_->distance();
+    errors_ = away.size() > 0 ? larger(errors_, away) : errors_;
+    summary_.error = larger(error_.largest(errors_), 2.0 * options_.rtol);
   }
-  if (rests) {
+  if (good || rests || !found) {
     return measured;
   }
   rounding_ = found->rounding;
