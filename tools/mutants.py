@@ -18,9 +18,9 @@ that include its folder.
 
 The floor is a record of such a run, ``tools/mutants.json``, which ``--keep`` writes: its faults are made
 again wherever the lines that they change still stand, others are drawn in the place of those that are gone,
-and a fault that was killed must not survive. (Shares of two draws differ by chance, 60 mutants by 6 % of deviation;
-the 95 % interval is printed.) Results are kept by seed and state of sources and tests: a run that was stopped
-is gone on with.
+and a fault that was killed must not survive. (Shares of two draws differ by chance, 60 mutants by 6 % of
+deviation; the 95 % interval is printed.) Results are kept by seed and state of sources and tests: a run that
+was stopped is gone on with.
 """
 
 from __future__ import annotations
