@@ -34,6 +34,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.uncertainty.sobol import shares_of_samples
 from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
@@ -129,6 +130,9 @@ class Inputs:
     germs: Array
     noise: float = 0.0
     at: Callable[[Array], Array] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "germs", frozen(self.germs))
 
 
 def _check_level(level: float) -> None:
