@@ -179,7 +179,7 @@ def recognised(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> dict[str
     out = {}
     for name, view in views.items():
         tried = [kind(view) for kind in (_bolt, _stud, _nut, _washer, _dowel)]
-        tried += [flat(view, sides) for flat in (_gasket, _sheet)]
+        tried += [_gasket(view, sides), _sheet(view)]
         kinds = [f for f in tried if f.kind]
         by_name = [f for f in kinds if f.kind == view.named]
         best = (by_name or kinds or [f for f in tried if f.missing] or [Finding(name)])[0]
@@ -506,8 +506,7 @@ def _flat(body: Body) -> _Flat | None:
     if len(planes) < 2:
         return None
     a, b = planes
-    thickness = -float((b.centre - a.centre) @ a.first.normal)
-    thickness = abs(thickness)
+    thickness = abs(float((b.centre - a.centre) @ a.first.normal))
     opposed = float(a.first.normal @ b.first.normal) < -0.999
     prism = abs(body.volume / (0.5 * (a.area + b.area) * thickness) - 1.0) < 0.1 if thickness > 0.0 else False
     if not opposed or not prism or thickness > _THIN * body.size:
@@ -559,7 +558,7 @@ def _gasket(view: _View, sides: Sides) -> Finding:
     return judged if judged.kind else Finding(view.body.name)
 
 
-def _sheet(view: _View, sides: Sides) -> Finding:
+def _sheet(view: _View) -> Finding:
     """A thin flat part."""
     flat = _flat(view.body)
     if flat is None:
