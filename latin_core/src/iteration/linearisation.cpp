@@ -72,11 +72,15 @@ void transpose(std::vector<Matrix>& slopes, const substructure::Joined& joined) 
   }
 }
 
-/// Whether slopes are the same to rounding of differences.
-bool alike(const Matrix& a, const Matrix& b) {
-  constexpr double same = 1e-6;
+/// Slopes that differ by less are the same but for rounding of differences; and those of which steps leave no more than
+/// this share of an error, which makes no factorisation worth its price.
+constexpr double same = 1e-6;
+constexpr double nearly_same = 1e-3;
+
+/// Whether slopes differ by less than a share of the largest.
+bool alike(const Matrix& a, const Matrix& b, double share) {
   return a.size() == b.size() && (a - b).cwiseAbs().maxCoeff<keep_nan>() <=
-                                     same * std::max(a.cwiseAbs().maxCoeff(), 1e-300);
+                                     share * std::max(a.cwiseAbs().maxCoeff(), 1e-300);
 }
 
 /// The factor between two stiffnesses, given as s / (1 + s) each.
@@ -104,7 +108,7 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws,
   Slopes slopes;
   for (Matrix& now : slopes_at(laws, state, tangents_.front()->joined())) {
     std::size_t at = 0;
-    while (at < slopes.distinct.size() && !alike(slopes.distinct[at], now)) {
+    while (at < slopes.distinct.size() && !alike(slopes.distinct[at], now, same)) {
       ++at;
     }
     if (at == slopes.distinct.size()) {
@@ -133,12 +137,12 @@ void Linearisation::take_transposed(const substructure::Laws& laws, const State&
   know_structure(laws);
   Slopes slopes = slopes_of(laws, state);
   transpose(slopes.distinct, tangents_.front()->joined());
-  take(laws, std::move(slopes), least_hold);
+  take(laws, std::move(slopes), least_hold, same);
 }
 
 bool Linearisation::take(const substructure::Laws& laws, const State& state, double hold) {
   know_structure(laws);
-  return take(laws, slopes_of(laws, state), hold);
+  return take(laws, slopes_of(laws, state), hold, nearly_same);
 }
 
 void Linearisation::know_structure(const substructure::Laws& laws) {
@@ -149,10 +153,10 @@ void Linearisation::know_structure(const substructure::Laws& laws) {
   }
 }
 
-bool Linearisation::take(const substructure::Laws& laws, Slopes now, double hold) {
+bool Linearisation::take(const substructure::Laws& laws, Slopes now, double hold, double share) {
   bool changed = now.distinct.size() != slopes_.size() || hold != hold_;
   for (std::size_t i = 0; i < now.distinct.size() && !changed; ++i) {
-    changed = !alike(now.distinct[i], slopes_[i]);
+    changed = !alike(now.distinct[i], slopes_[i], share);
   }
   of_column_ = std::move(now.of_column);
   if (changed) {

@@ -92,7 +92,7 @@ class Linearisation {
   [[nodiscard]] Slopes slopes_of(const substructure::Laws& laws, const State& state) const;
   void factorise(const std::vector<Matrix>& slopes, double hold, const Communicator& communicator);
   void know_structure(const substructure::Laws& laws);
-  bool take(const substructure::Laws& laws, Slopes now, double hold);
+  bool take(const substructure::Laws& laws, Slopes now, double hold, double share);
 
   std::shared_ptr<const substructure::Structure> structure_;  ///< tangents look at it
   std::vector<std::shared_ptr<substructure::Tangent>>
