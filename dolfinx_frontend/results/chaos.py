@@ -593,7 +593,7 @@ class ChaosResult(Result, StochasticResult):
         intervals carry the error of the chaos: see :class:`WitnessedQuantity`. On several ranks they do not.
         """
         found = super().quantity(function, name, unit, samples, seed, step)
-        if not self.collocations or self.problem.comm is not None:
+        if self.problem.comm is not None:
             return found
 
         def solve(which: npt.NDArray[np.int64]) -> Array:

@@ -1,8 +1,8 @@
-"""Probabilities and quantiles of a chaos whose laws have kinks: with solved points beside it.
+"""Probabilities and quantiles of a chaos: with solved points beside it.
 
-A polynomial cannot follow a kink. Its moments may be right to a percent while a tail is off by a factor, and
-the scatter of its own samples says nothing of that. So some of the samples are solved: those from whose
-values one can not be sure on which side of the limit the assembly really is.
+A polynomial cannot follow a kink, nor a tail that is longer than its own. Its moments may be right to a percent while
+a tail is off by a factor, and the scatter of its own samples says nothing of that. So some of the samples are solved:
+those from whose values one can not be sure on which side of the limit the assembly really is.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -83,28 +83,21 @@ class WitnessedQuantity(Quantity):
         strata = _Strata(margin(self.values))
         rng = np.random.default_rng(0)
         budget = min(MOST, len(self.values))
-        for inside in (True, False):
-            for number in strata.of_side(inside):
-                if strata.safe(number) or budget <= 0:
-                    break
-                budget -= self._look(strata, number, min(PER_STRATUM, budget), margin, rng)
-        while budget > 0 and (worst := strata.least_known()) is not None:
-            budget -= self._look(strata, worst, min(PER_STRATUM, budget), margin, rng)
-        return strata.estimate(level, rng)
 
-    def _look(
-        self,
-        strata: _Strata,
-        number: int,
-        count: int,
-        margin: Callable[[Array], Array],
-        rng: np.random.Generator,
-    ) -> int:
-        """Solve some more samples of a stratum; how many these are."""
-        chosen = strata.draw(number, count, rng)
-        if len(chosen):
-            strata.learn(number, margin(self.solved(chosen)), margin(self.values[chosen]))
-        return len(chosen)
+        def look(number: int) -> int:
+            chosen = strata.draw(number, min(PER_STRATUM, budget), rng)
+            if len(chosen):
+                strata.learn(chosen, margin(self.solved(chosen)))
+            return len(chosen)
+
+        for inside in (True, False):
+            for place, number in enumerate(strata.of_side(inside)):
+                if budget <= 0 or (place > 0 and not len(strata.doubt(number).members)):
+                    break
+                budget -= look(number)
+        while budget > 0 and (worst := strata.least_known()) is not None:
+            budget -= look(worst)
+        return strata.estimate(level, rng)
 
     def quantile(self, q: float, level: float = 0.95) -> Estimate:
         """As :meth:`Quantity.quantile`, moved by the median error of the chaos at solved samples next to it;
@@ -123,81 +116,89 @@ class WitnessedQuantity(Quantity):
         )
 
 
+class _Doubt(NamedTuple):
+    """Members of a stratum on whose side the chaos has no say, how many of them were solved, and inside."""
+
+    members: Any
+    looked: int
+    hits: int
+
+
 class _Strata:
     """Samples by their distance from a limit, and what solves have said of them."""
 
     def __init__(self, margins: Array) -> None:
-        self.count = len(margins)
+        self.margins, self.count = margins, len(margins)
         order = np.argsort(-margins, kind="stable")  # inside first, the closest last
         inside = int(np.count_nonzero(margins > 0.0))
         finest = max(FINEST, min(inside, self.count - inside) // GROWTH)
         self.members: list[Any] = []
         self.inside: list[bool] = []
-        self.distance: list[float] = []  # of the closest
         for side, members in ((True, order[:inside][::-1]), (False, order[inside:])):
             first, size = 0, finest
             while first < len(members):
-                part = members[first : first + size]
-                self.members.append(part)
+                self.members.append(members[first : first + size])
                 self.inside.append(side)
-                self.distance.append(float(np.abs(margins[part]).min()))
                 first, size = first + size, size * GROWTH
-        self.looked = [0] * len(self.members)
-        self.hits = [0] * len(self.members)
-        self.rest: list[Any] = [None] * len(self.members)
+        self.side = np.zeros(self.count)  # inside (1) or not, as far as is known
+        self.side[order[:inside]] = 1.0
+        self.solved: Flags = np.zeros(self.count, dtype=bool)
         self.largest = 0.0  # error of the chaos
-        self.wrong: Flags = np.zeros(len(self.members), dtype=bool)
 
     def of_side(self, inside: bool) -> list[int]:
         """Strata of a side, from the limit outwards."""
         return [k for k, side in enumerate(self.inside) if side == inside]
 
-    def safe(self, number: int) -> bool:
-        """Whether a stratum is out of reach: beyond the errors, behind one with no sample on a wrong side."""
-        side = self.of_side(self.inside[number])
-        place = side.index(number)
-        if place < 1 or self.looked[side[place - 1]] == 0:
-            return place > 0
-        return bool(not self.wrong[side[place - 1]] and self.distance[number] > SAFE * self.largest)
+    def doubt(self, number: int) -> _Doubt:
+        """What of a stratum is in reach of the errors that were met."""
+        members = self.members[number]
+        near = members[np.abs(self.margins[members]) <= SAFE * self.largest]
+        looked = near[self.solved[near]]
+        return _Doubt(near, len(looked), int(self.side[looked].sum()))
 
     def draw(self, number: int, count: int, rng: np.random.Generator) -> Any:
-        """More members of a stratum at random, none twice."""
-        if self.rest[number] is None:
-            self.rest[number] = rng.permutation(self.members[number])
-        chosen, self.rest[number] = self.rest[number][:count], self.rest[number][count:]
-        return chosen
+        """Members of a stratum at random that were not solved: those in doubt, if there are any."""
+        for members in (self.doubt(number).members, self.members[number]):
+            rest = members[~self.solved[members]]
+            if len(rest):
+                return rng.permutation(rest)[:count]
+        return self.members[number][:0]
 
-    def learn(self, number: int, truth: Array, chaos: Array) -> None:
-        """What solves said: margins (n,) of both."""
-        self.looked[number] += len(truth)
-        self.hits[number] += int(np.count_nonzero(truth > 0.0))
-        error = np.abs(truth - chaos)
+    def learn(self, chosen: Any, truth: Array) -> None:
+        """What solves said: margins (n,) of some samples."""
+        self.solved[chosen] = True
+        self.side[chosen] = truth > 0.0
+        error = np.abs(truth - self.margins[chosen])
         self.largest = max(self.largest, float(error[np.isfinite(error)].max(initial=0.0)))
-        if np.any((truth > 0.0) != self.inside[number]):
-            self.wrong[number] = True
-
-    def _spread(self, number: int) -> float:
-        """Deviation that the solves leave in the whole, of a stratum."""
-        looked, size = self.looked[number], len(self.members[number])
-        if looked == 0 or looked == size:
-            return 0.0
-        law = stats.beta(self.hits[number] + 0.5, looked - self.hits[number] + 0.5)
-        return size / self.count * float(law.std()) * math.sqrt(1.0 - looked / size)
 
     def least_known(self) -> int | None:
         """The stratum that leaves most of the doubt; None: that of the samples is larger anyway."""
-        spreads = [self._spread(k) for k in range(len(self.members))]
-        value = self._value()
+        spreads = np.zeros(len(self.members))
+        for number in range(len(self.members)):
+            near, looked, hits = self.doubt(number)
+            spread = float(stats.beta(hits + 0.5, looked - hits + 0.5).std())
+            spreads[number] = (len(near) - looked) / self.count * spread
+        value = float(self._totals(lambda doubt, _: doubt.hits / max(doubt.looked, 1)))
         own = math.sqrt(max(value * (1.0 - value), 1.0 / self.count) / self.count)
         worst = int(np.argmax(spreads))
         return worst if math.hypot(*spreads) > own and spreads[worst] > 0.0 else None
 
-    def _value(self) -> float:
-        total = 0.0
-        for members, inside, looked, hits in zip(
-            self.members, self.inside, self.looked, self.hits, strict=True
-        ):
-            total += len(members) / self.count * (hits / looked if looked else float(inside))
+    def _totals(self, chance: Callable[[_Doubt, bool], Any], shares: Any = None) -> Any:
+        """Share of the samples that are inside.
+
+        Parameters
+        ----------
+        chance
+            Of a sample in doubt that was not solved.
+        shares
+            (..., strata) of these in the whole; None: those of the samples.
+        """
+        total: Any = 0.0
+        for number, (members, side) in enumerate(zip(self.members, self.inside, strict=True)):
+            doubt = self.doubt(number)
+            open_ = len(doubt.members) - doubt.looked
+            inside = (self.side[members].sum() + open_ * (chance(doubt, side) - side)) / len(members)
+            total = total + inside * (len(members) / self.count if shares is None else shares[:, number])
         return total
 
     def estimate(self, level: float, rng: np.random.Generator) -> Estimate:
@@ -209,21 +210,20 @@ class _Strata:
         """
         sizes = np.array([len(each) for each in self.members], dtype=np.float64)
         shares = rng.dirichlet(sizes + 1e-9, size=DRAWS) if len(sizes) > 1 else np.ones((DRAWS, 1))
-        ends: list[Array] = [np.zeros(DRAWS), np.zeros(DRAWS)]
-        for number, inside in enumerate(self.inside):
-            looked, hits = self.looked[number], self.hits[number]
-            share = float(inside) if looked == 0 else hits / looked
-            known = looked == 0 or looked == len(self.members[number])
-            for upper, total in enumerate(ends):
-                if known or share == float(upper):
-                    total += shares[:, number] * share
-                else:
-                    one, other = (0.5, 0.0) if upper else (0.0, 0.5)
-                    chance = rng.beta(hits + one, looked - hits + other, size=DRAWS)
-                    total += shares[:, number] * chance
+
+        def end(upper: bool) -> Callable[[_Doubt, bool], Any]:
+            def chance(doubt: _Doubt, _: bool) -> Any:
+                if doubt.hits == doubt.looked * upper:
+                    return float(upper)
+                one, other = (0.5, 0.0) if upper else (0.0, 0.5)
+                return rng.beta(doubt.hits + one, doubt.looked - doubt.hits + other, size=DRAWS)
+
+            return chance
+
         tail = 0.5 * (1.0 - level)
-        value = self._value()
-        low, high = float(np.quantile(ends[0], tail)), float(np.quantile(ends[1], 1.0 - tail))
+        value = float(self._totals(lambda doubt, side: doubt.hits / doubt.looked if doubt.looked else side))
+        low = float(np.quantile(self._totals(end(False), shares), tail))
+        high = float(np.quantile(self._totals(end(True), shares), 1.0 - tail))
         # where nothing is inside, the rule of three
         most = -math.log(tail) / self.count
         return Estimate(value, min(low, value), max(high, value, most), level)
