@@ -68,6 +68,28 @@ TEST(Germ, DiscreteMeasureIsItsOwnGaussRule) {
   EXPECT_LT((rule.weights - Vector{{0.25, 0.5, 0.25}}).cwiseAbs().maxCoeff(), 1e-14);
 }
 
+TEST(Germ, AnAtomFarFromTheOthersKeepsItsWeight) {
+  // what a germ of observed values with an outlier is: the recurrence of its polynomials runs away at the outlier
+  const Index count = 500;
+  Vector nodes(count + 1);
+  for (Index i = 0; i < count; ++i) {
+    const double x = -1.0 + (2.0 * static_cast<double>(i) + 1.0) / static_cast<double>(count);
+    nodes(i) = x * (1.0 + 0.3 * x * x);
+  }
+  for (const double away : {20.0, 400.0, 1e6}) {
+    nodes(count) = away;
+    const Germ germ = Germ::from_measure(nodes, Vector::Ones(count + 1));
+    for (const Index points : {6, 16, 30}) {
+      const Rule rule = germ.gauss(points);
+      EXPECT_NEAR(rule.points(points - 1, 0), away, 1e-12 * away);
+      EXPECT_NEAR(rule.weights(points - 1) * static_cast<double>(count + 1), 1.0, 1e-10);
+      const Matrix psi = germ.evaluate(rule.points.col(0), 2);
+      const Matrix gram = psi.transpose() * rule.weights.asDiagonal() * psi;
+      EXPECT_LT((gram - Matrix::Identity(3, 3)).cwiseAbs().maxCoeff(), 1e-9) << away << " " << points;
+    }
+  }
+}
+
 TEST(Germ, GreatOrdersStayFinite) {
   for (const Germ& germ : every_germ()) {
     const Rule rule = germ.gauss(std::min<Index>(germ.capacity(), 200));

@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <numeric>
 #include <sstream>
 #include <utility>
+#include <vector>
 
 #include "latin/common/error.hpp"
 
@@ -76,31 +78,50 @@ constexpr std::array<Family, 4> table{{{"hermite", 0, hermite},
                                        {"laguerre", 1, laguerre},
                                        {"legendre", 0, legendre}}};
 
-/// psi_{n} without its normalisation (a factor 1 / beta_n), its derivative, and sum_{k<n} psi_k^2.
-struct Tail {
-  double value;
-  double slope;
-  double christoffel;
+/// An eigenvalue of a Jacobi matrix, corrected, and the square of the first component of its eigenvector: node and
+/// weight of the Gauss rule.
+struct Pair {
+  double node;
+  double weight;
 };
 
-Tail tail(const Recurrence& r, double x, Index n) {
-  double previous = 0.0;
-  double current = 1.0;
-  double previous_slope = 0.0;
-  double slope = 0.0;
-  double sum = 1.0;
-  for (Index k = 0; k < n; ++k) {
-    const double back = k == 0 ? 0.0 : r.beta(k);
-    const double scale = k + 1 < n ? r.beta(k + 1) : 1.0;
-    const double next = ((x - r.alpha(k)) * current - back * previous) / scale;
-    const double next_slope = (current + (x - r.alpha(k)) * slope - back * previous_slope) / scale;
-    previous = std::exchange(current, next);
-    previous_slope = std::exchange(slope, next_slope);
-    if (k + 1 < n) {
-      sum += current * current;
+/// By a twisted factorisation (I. S. Dhillon and B. N. Parlett, Linear Algebra Appl. 387 (2004) 1): from both ends to
+/// where the eigenvector is largest. The recurrence of the polynomials alone, upwards, loses an atom that lies apart.
+Pair refined(const Recurrence& r, double x, Index n) {
+  constexpr double epsilon = std::numeric_limits<double>::epsilon();
+  const double size = r.alpha.head(n).norm() + r.beta.segment(1, n - 1).norm() + std::abs(x);
+  const double least = epsilon * epsilon * size + std::numeric_limits<double>::min();  // far below rounding, and its inverse is a number
+  const auto pivot = [least](double value) { return std::abs(value) <= least ? least : value; };
+  std::vector<double> up(static_cast<std::size_t>(n));    // of L D L^T
+  std::vector<double> down(static_cast<std::size_t>(n));  // of U D U^T
+  for (std::size_t k = 0; k < up.size(); ++k) {
+    const auto at = static_cast<Index>(k);
+    up[k] = pivot(r.alpha(at) - x - (k == 0 ? 0.0 : r.beta(at) * (r.beta(at) / up[k - 1])));
+  }
+  std::size_t twist = 0;
+  double left = std::numeric_limits<double>::infinity();
+  for (std::size_t k = down.size(); k-- > 0;) {
+    const auto at = static_cast<Index>(k);
+    const double next = at + 1 == n ? 0.0 : r.beta(at + 1) * (r.beta(at + 1) / down[k + 1]);
+    down[k] = pivot(r.alpha(at) - x - next);
+    const double here = up[k] - next;
+    if (std::abs(here) < std::abs(left)) {
+      left = here;
+      twist = k;
     }
   }
-  return {current, slope, sum};
+  double first = 1.0;
+  double square = 1.0;
+  for (std::size_t k = twist; k-- > 0;) {
+    first *= -r.beta(static_cast<Index>(k) + 1) / up[k];
+    square += first * first;
+  }
+  double last = 1.0;
+  for (std::size_t k = twist + 1; k < down.size(); ++k) {
+    last *= -r.beta(static_cast<Index>(k)) / down[k];
+    square += last * last;
+  }
+  return {std::isfinite(left) ? x + left / square : x, first * first / square};
 }
 
 }  // namespace
@@ -121,18 +142,10 @@ Rule gauss(const Recurrence& recurrence, Index count) {
                          " did not converge");
   }
   const Vector nodes = solver.eigenvalues();
-  const double spread = std::max(nodes(count - 1) - nodes(0), std::numeric_limits<double>::min());
   for (Index s = 0; s < count; ++s) {
-    double x = nodes(s);
-    Tail at = tail(recurrence, x, count);
-    const double step = at.value / at.slope;
-    // the eigenvalue is good to eps |J|: a longer step is the overflow of psi far out, not a gain
-    if (std::isfinite(step) && std::abs(step) < 1e-10 * spread) {
-      x -= step;
-      at = tail(recurrence, x, count);
-    }
-    rule.points(s, 0) = x;
-    rule.weights(s) = std::isfinite(at.christoffel) ? 1.0 / at.christoffel : 0.0;
+    const Pair once = refined(recurrence, nodes(s), count);
+    rule.points(s, 0) = once.node;
+    rule.weights(s) = refined(recurrence, once.node, count).weight;
   }
   rule.weights /= rule.weights.sum();
   return rule;
