@@ -670,7 +670,7 @@ class _Search:
             if found is None and not self.tails:
                 found = self._of_scores(quantity, each)
             if found is None and result.space.continuous == (True,) and not self._endless():
-                found = by_panels(result, quantity, self.target, each, self.keep, self.tails)
+                found = by_panels(result, quantity, self.target, each, self.keep, judges, self.tails)
             if found is not None:
                 return found
         most = MOST_ENDLESS if self._endless() else 0

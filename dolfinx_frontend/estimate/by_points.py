@@ -43,7 +43,8 @@ from dolfinx_frontend.estimate.points import (
     panel_points,
     solved,
     wide_points,
-    with_openings,
+    off_witnesses,
+    with_unmet_states,
 )
 from dolfinx_frontend.estimate.tails import FINE, Tail, beside_tails
 from dolfinx_frontend.plan.price import Way, price, speed
@@ -166,9 +167,11 @@ def by_panels(
     target: float,
     rtol: float,
     keep: Keep,
+    seen: Witnesses,
     tails: Sequence[Tail] = (),
 ) -> tuple[SampleResult, Errors] | None:
-    """Gauss rules on pieces of one germ, which are halved around kinks; None: they do not converge.
+    """Gauss rules on pieces of one germ, which are halved around kinks and where witnesses differ from them; None:
+    they do not converge.
 
     The last point of each of the `tails` stands for all that is beyond.
     """
@@ -228,7 +231,8 @@ def by_panels(
 
         wrong = [leaf.error for leaf in leaves]
         if not smooth:
-            wrong = [error + more for error, more in zip(wrong, kinks_at_ends(leaves), strict=True)]
+            kinks, off = kinks_at_ends(leaves), off_witnesses(leaves, seen, space)
+            wrong = [sum(each) for each in zip(wrong, kinks, off, strict=True)]
         of_mean, of_std = relative(np.sum(wrong, axis=0))
         of_tails = relative(of_beyond)
         if value.mean == 0.0 and not value.std and np.isfinite(of_mean):
@@ -580,21 +584,23 @@ class _Samples:
         if along_germs:
             found = far_out(self.result, self.quantity, self.rtol, complete, self.steepest(), seen)
         known = self.result, self.samples, found
-        return with_openings(*known, solved, self.rtol, self.quantity, complete)
+        return with_unmet_states(*known, solved, self.rtol, self.quantity, complete)
 
-    def far(self, seen: Witnesses, fit: Hinged, value: MeanStd) -> MeanStd:
+    def far(self, seen: Witnesses, fit: Hinged | None, value: MeanStd) -> MeanStd:
         """What points far out lack of what stands for the quantity: errors of mean and deviation.
 
         Beyond three deviations there are hardly samples, and all that it lacks counts; before, what it lacks
         is in the error of the samples if it is not rare, and its square is what the variance lacks.
         """
         std = value.std or 0.0
-        if not std > 0.0 or not len(seen.points):
+        if not len(seen.points):
             return MeanStd(0.0, 0.0)
-        guess = fit(self.space, seen.points)[:, -1]
+        guess = np.full(len(seen.points), value.mean) if fit is None else fit(self.space, seen.points)[:, -1]
         rest = seen.values - guess
         size = float(np.sqrt(seen.tails @ rest**2))
         alone = np.where((seen.tails > 0.0) & (seen.tails < FEW_BEYOND), seen.tails, 0.0)
+        if not std > 0.0:  # what the samples have not met at all
+            return MeanStd(float(seen.tails @ np.abs(rest)), size)
         square = alone @ np.abs((seen.values - value.mean) ** 2 - (guess - value.mean) ** 2)
         of_mean = max(0.5 * size * min(size / std, 1.0), float(alone @ np.abs(rest)))
         of_std = max(SAFE * (float(np.sqrt(std**2 + size**2)) - std), 0.5 * float(square) / std)
@@ -671,12 +677,12 @@ def by_samples(
                 relative = relative_of(said)
             else:
                 relative = min(relative, ahead)
-        if relative <= 0.6 * target and judged and fit is not None:
+        if relative <= 0.6 * target and judged and (fit is not None or not said.value.std):
             if far is None:
                 far = drawn.seen_far(along_germs, seen)
             off = drawn.far(far, fit, said.value)
             said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
-            if stands and fit.functions is not None and drawn.lines is not None:
+            if stands and fit is not None and fit.functions is not None and drawn.lines is not None:
                 off = beyond_lines(drawn.lines, tails, fit, far, said.value)
                 said = said._replace(mean=said.mean + off.mean, std=said.std + (off.std or 0.0))
             relative, far_judged = relative_of(said), stands and along_germs

@@ -16,17 +16,18 @@ from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.contact import NOTHING, contact_states
 from dolfinx_frontend.results.samples import SampleResult
 
-__all__ = ["all_states_of", "contacts_of", "error_by_kinks", "opening_directions", "states_of"]
+__all__ = ["all_states_of", "contacts_of", "error_by_kinks", "kinds_of_states", "opening_directions",
+           "states_of"]
 
 ONE_POINT = 1e-3
 """Distance of two solved points, relative to the points of the rule, below which they are one."""
 
 
-def states_of(samples: SampleResult) -> dict[str, Array]:
-    """Contact -> how many of its points are open, and how many slip, at the end of every sample, (n, 2).
-    Collective."""
-    names = contacts_of(samples)
-    return {name: samples.everywhere(name, partial(_counts, samples, name)) for name in names}
+def states_of(answer: ChaosResult | SampleResult) -> dict[str, Array]:
+    """Contact -> how many of its points are open, and how many slip, at the end of every sample, or of those by
+    which a chaos has its moments, (n, 2). Collective."""
+    names = contacts_of(answer)
+    return {name: answer.everywhere(name, partial(_counts, answer, name)) for name in names}
 
 
 def contacts_of(answer: ChaosResult | SampleResult) -> list[str]:
@@ -40,10 +41,23 @@ def all_states_of(samples: SampleResult) -> Array:
     return np.concatenate([np.zeros((len(samples.germs), 0)), *states_of(samples).values()], axis=1)
 
 
-def _counts(samples: SampleResult, name: str) -> Array:
+def kinds_of_states(answer: ChaosResult | SampleResult) -> Array:
+    """Of every contact whether any of its points is open, any is closed, and any slips, side by side, (n, 3
+    contacts). Collective."""
+    names = contacts_of(answer)
+    return np.concatenate([answer.everywhere(n, partial(_kinds, answer, n)) for n in names], axis=1)
+
+
+def _kinds(answer: ChaosResult | SampleResult, name: str) -> Array:
+    opened, slipping = _counts(answer, name).T
+    closed = opened < answer.problem.interfaces[name].num_points
+    return np.stack([opened > 0.0, closed, slipping > 0.0], axis=-1)
+
+
+def _counts(samples: ChaosResult | SampleResult, name: str) -> Array:
     """Open and slipping points of a contact, (n, 2)."""
     found = []
-    for block in samples.blocks():
+    for block in samples.moment_blocks() if isinstance(samples, ChaosResult) else samples.blocks():
         force, contact = np.asarray(block.force(name)), block.contact(name)
         if samples.times is not None:
             force = force[:, -1]

@@ -27,7 +27,12 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, stop_if_pressed
 from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.estimate.errors import size_of
-from dolfinx_frontend.estimate.kinks import all_states_of, opening_directions
+from dolfinx_frontend.estimate.kinks import (
+    all_states_of,
+    contacts_of,
+    kinds_of_states,
+    opening_directions,
+)
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import MeanStd, share_of
@@ -67,7 +72,8 @@ __all__ = [
     "solved_alone",
     "surrogate",
     "wide_points",
-    "with_openings",
+    "off_witnesses",
+    "with_unmet_states",
     "witnesses",
 ]
 
@@ -134,6 +140,9 @@ MANY_ROWS = 300
 
 FEW, FEW_TO = 8, 5e-4
 """Witnesses of a rule that are drawn, and the accuracy from which on there are twice as many."""
+
+MOST_UNMET, OF_UNMET = 8, 2
+"""Witnesses are put into so many states of contacts that no other has met, so many into each."""
 
 FAR_OFF = 30.0
 """Deviations that a quantity may be off the polynomial of a rule where no witness is."""
@@ -254,6 +263,21 @@ def misfit_of_halves(parent: Array, halves: Array) -> Array:
     beside = np.vander(np.concatenate([0.5 * (at - 1.0), 0.5 * (at + 1.0)]), POINTS)
     off = [halves**k - beside @ np.linalg.solve(own, parent**k) for k in range(3)]
     return np.array([float(np.sqrt(np.mean(each**2))) for each in off])
+
+
+def off_witnesses(panels: Sequence[Panel], seen: Witnesses, space: RandomSpace) -> list[Array]:
+    """(3,) errors of the sums over panels by what witnesses differ from their polynomials, each of which stands for its
+    share of the probability, but no more than the panel has."""
+    at, _ = np.polynomial.legendre.leggauss(POINTS)
+    own = np.linalg.inv(np.vander(at, POINTS))
+    scores, share = normal_scores(space, seen.points)[:, 0], seen.weights + seen.tails
+    found = []
+    for each in panels:
+        inside = (each.lower < scores) & (scores < each.upper)
+        beside = np.vander(2.0 * (scores[inside] - each.lower) / (each.upper - each.lower) - 1.0, POINTS)
+        off = [np.abs(seen.values[inside] ** k - beside @ own @ each.values**k) for k in range(3)]
+        found.append(np.minimum(share[inside], each.sums[0]) @ np.stack(off, axis=1))
+    return found
 
 
 def kinks_at_ends(panels: Sequence[Panel]) -> list[Array]:
@@ -455,14 +479,12 @@ def _seen(
     weights = np.concatenate([weights / weights.sum(), np.zeros(int(good.sum()))])
     samples = solve(result, points, np.ones(len(points)), rtol, quantity)
     complete(samples)
-    values = quantity.at_end(samples, samples)
-    if points.shape[1] > 1:
-        found = Witnesses(points, weights, tails, values)
-        return with_openings(result, samples, found, solve, rtol, quantity, complete)
-    return Witnesses(points, weights, tails, values, all_states_of(samples))
+    found = Witnesses(points, weights, tails, quantity.at_end(samples, samples), all_states_of(samples))
+    found = with_unmet_states(result, samples, found, solve, rtol, quantity, complete)
+    return found if points.shape[1] == 1 else found._replace(states=np.zeros((0, 0)))
 
 
-def with_openings(
+def with_unmet_states(
     result: ChaosResult,
     samples: SampleResult,
     seen: Witnesses,
@@ -471,31 +493,59 @@ def with_openings(
     quantity: Wanted,
     complete: Callable[[SampleResult], None],
 ) -> Witnesses:
-    """The witnesses, and such as lie where contacts open by what samples tell.
+    """The witnesses, and such as lie where contacts are in states in which no sample has them."""
+    for points, share in (_openings(result, samples), _unmet(result, samples)):
+        good = lawful(result.random, points)
+        if not good.any():
+            continue
+        more = solve(result, points[good], np.ones(int(good.sum())), rtol, quantity)
+        complete(more)
+        seen = Witnesses(
+            np.concatenate([seen.points, points[good]]),
+            np.concatenate([seen.weights, np.zeros(int(good.sum()))]),
+            np.concatenate([seen.tails, share[good]]),
+            np.concatenate([seen.values, quantity.at_end(more, more)]),
+            np.concatenate([seen.states, all_states_of(more)]) if len(seen.states) else seen.states,
+        )
+    return seen
+
+
+def _openings(result: ChaosResult, samples: SampleResult) -> tuple[Array, Array]:
+    """Points (n, L) where contacts open by what samples tell, and the probability that each stands for.
 
     Far out along a sum of germs a contact may be open that is closed along each of them.
     """
     space = result.space
-    lines, shares = [], []
+    lines, shares = [np.zeros((0, space.dimension))], [np.zeros(0)]
     for reach, along in opening_directions(samples, normal_scores(space, samples.germs)):
         beyond = TAIL[TAIL > reach][:2]
         lines.append(beyond[:, None] * along)
         shares.append(_shares(beyond))
-    if not sum(map(len, lines)):
-        return seen
-    points, share = space.from_normal(np.concatenate(lines)), np.concatenate(shares)
-    good = lawful(result.random, points)
-    points, share = points[good], share[good]
-    if not len(points):
-        return seen
-    more = solve(result, points, np.ones(len(points)), rtol, quantity)
-    complete(more)
-    return seen._replace(
-        points=np.concatenate([seen.points, points]),
-        weights=np.concatenate([seen.weights, np.zeros(len(points))]),
-        tails=np.concatenate([seen.tails, share]),
-        values=np.concatenate([seen.values, quantity.at_end(more, more)]),
-    )
+    if space.dimension == 1 or not sum(map(len, lines)):
+        return np.zeros((0, space.dimension)), np.zeros(0)
+    return space.from_normal(np.concatenate(lines)), np.concatenate(shares)
+
+
+def _unmet(result: ChaosResult, samples: SampleResult) -> tuple[Array, Array]:
+    """The same where the chaos has contacts in a state in which no sample has them.
+
+    A contact may be met in a window of the germs that points pass by. The chaos need not be right: what it says
+    of the state is where to look.
+    """
+    germs = result.moment_germs()
+    points, shares = [np.zeros((0, germs.shape[1]))], [np.zeros(0)]
+    if contacts_of(result):
+        kinds, which, counts = np.unique(
+            kinds_of_states(result), axis=0, return_inverse=True, return_counts=True
+        )
+        met = {row.tobytes() for row in kinds_of_states(samples)}
+        unmet = [k for k in np.argsort(-counts) if kinds[k].tobytes() not in met]
+        for k in unmet[:MOST_UNMET]:
+            members = germs[np.flatnonzero(which.ravel() == k)]
+            chosen = members[np.linspace(0, len(members) - 1, OF_UNMET).round().astype(int)]
+            points.append(chosen)
+            shares.append(np.full(len(chosen), counts[k] / len(germs) / len(chosen)))
+    return np.concatenate(points), np.concatenate(shares)
 
 
 def far_out(
