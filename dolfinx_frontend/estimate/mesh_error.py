@@ -48,7 +48,15 @@ from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Measure, Resultant, Wanted, interest, over_all_ranks
+from dolfinx_frontend.results.resultant import (
+    Interest,
+    Measure,
+    Quantile,
+    Resultant,
+    Wanted,
+    interest,
+    over_all_ranks,
+)
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
 
@@ -160,8 +168,10 @@ class DiscretisationError:
 
 
 def with_dual(problem: Problem, quantity: Wanted | None) -> Resultant | AtPoint | None:
-    """The quantity if it has a dual problem, at points in the meshes of a problem; None: it has none.
-    Collective."""
+    """The quantity, or that of which it is a quantile, if it has a dual problem, at points in the meshes of a problem;
+    None: it has none. Collective."""
+    if isinstance(quantity, Quantile):
+        quantity = quantity.inner
     if isinstance(quantity, Resultant):
         return quantity
     if not isinstance(quantity, Measure) or not isinstance(quantity.function, AtPoint):

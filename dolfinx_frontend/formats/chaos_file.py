@@ -72,7 +72,6 @@ reader may skip this check.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -512,7 +511,7 @@ def _write_json(path: Path, tree: Tree, checksum: str) -> None:
 
 def _read_json(path: Path) -> Tree:
     with opened(path, OBJECTS, ChaosFileError) as file:
-        content = json.load(io.TextIOWrapper(file, encoding="utf-8"))
+        content = json.load(file)
     if not isinstance(content, dict):
         raise ValueError("no chaos file")
     tree: Tree = placed(content)

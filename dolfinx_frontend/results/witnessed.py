@@ -49,6 +49,10 @@ class WitnessedQuantity(Quantity):
     solve: Callable[[Any], Array] = field(kw_only=True)
     _known: dict[int, float] = field(kw_only=True, default_factory=dict)
 
+    def __repr__(self) -> str:
+        alone = Quantity(name=self.name, unit=self.unit, values=self.values, kind=self.kind)
+        return f"{alone!r}\n  of the chaos alone: quantile() and probability() solve samples beside it"
+
     def solved(self, which: Any) -> Array:
         """The quantity (n,) at some samples, each solved once."""
         new = [k for k in dict.fromkeys(int(each) for each in which) if k not in self._known]

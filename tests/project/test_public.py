@@ -261,6 +261,7 @@ def test_representations_help(things: list[Any]) -> None:
         assert len(text) <= LONGEST and text.count("\n") <= LINES, text
         own = type(thing).__name__
         words = {"Table": "interface", "Quantity": "samples", "Varying": "Amplitude"}
+        words |= {"WitnessedQuantity": "chaos"}
         parameter = type(thing).__module__.startswith("dolfinx_frontend.uncertainty.")
         assert words.get(own, own) in text or parameter, text
 

@@ -10,6 +10,7 @@ import pytest
 import ufl
 from latin_core import Options
 
+import dolfinx_frontend as lf
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
@@ -497,3 +498,23 @@ def test_refusals(coarse):
     assert estimate(result, "bolt").quantity == 0.0
     with pytest.raises(SceneError, match="no dual problem"):
         estimate(result, Resultant("bolt", component=1))
+
+
+def test_a_quantile_has_the_error_of_its_number() -> None:
+    """Friction min(k d, mu N) of a stiff block: no mesh error in its mean, so none in a quantile of it."""
+    scene = lf.Scene()
+    block = lf.geometry.box((10.0, 1.0), (2, 1))
+    scene.substructure("block", block, lf.LinearElastic(E=1e9, nu=0.0), degree=1)
+    rub = lf.Contact(gap=0.0, friction=lf.Uniform("mu", mean=0.2, cov=0.3))
+    scene.interface("rub", "block:y0", rub)
+    scene.interface("spring", "block:x1", lf.Elastic(normal=1000.0, jump=-0.02))
+    scene.force("block:y1", (0.0, lf.LogNormal("P", 10.0, cov=0.2) * (-10.0)), name="press")
+    pull = lf.Resultant("spring")
+    answer = lf.solve(lf.assemble(scene), accuracy=0.1, quantity=lf.Quantile(pull, 0.1), progress=False)
+    made = answer.errors()
+    assert made.reached and made.relative("discretisation") < 1e-6
+    mu = (0.2 * (1.0 - 0.3 * np.sqrt(3.0)), 0.2 * (1.0 + 0.3 * np.sqrt(3.0)))
+    rng, spread = np.random.default_rng(0), np.sqrt(np.log(1.04))
+    force = 100.0 * np.exp(spread * rng.standard_normal(400_000) - 0.5 * spread**2)
+    truth = np.quantile(np.minimum(20.0, rng.uniform(*mu, 400_000) * force), 0.1)
+    assert answer.mean_std(lf.Quantile(pull, 0.1)).mean == pytest.approx(truth, rel=0.1)
