@@ -170,8 +170,8 @@ def by_panels(
     seen: Witnesses,
     tails: Sequence[Tail] = (),
 ) -> tuple[SampleResult, Errors] | None:
-    """Gauss rules on pieces of one germ, which are halved around kinks and where witnesses differ from them; None:
-    they do not converge.
+    """Gauss rules on pieces of one germ, which are halved around kinks and where witnesses differ from them;
+    None: they do not converge.
 
     The last point of each of the `tails` stands for all that is beyond.
     """

@@ -24,8 +24,8 @@ ONE_POINT = 1e-3
 
 
 def states_of(answer: ChaosResult | SampleResult) -> dict[str, Array]:
-    """Contact -> how many of its points are open, and how many slip, at the end of every sample, or of those by
-    which a chaos has its moments, (n, 2). Collective."""
+    """Contact -> how many of its points are open, and how many slip, at the end of every sample, or of those
+    by which a chaos has its moments, (n, 2). Collective."""
     names = contacts_of(answer)
     return {name: answer.everywhere(name, partial(_counts, answer, name)) for name in names}
 

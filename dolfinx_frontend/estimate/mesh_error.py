@@ -168,8 +168,8 @@ class DiscretisationError:
 
 
 def with_dual(problem: Problem, quantity: Wanted | None) -> Resultant | AtPoint | None:
-    """The quantity, or that of which it is a quantile, if it has a dual problem, at points in the meshes of a problem;
-    None: it has none. Collective."""
+    """The quantity, or that of which it is a quantile, if it has a dual problem, at points in the meshes of a
+    problem; None: it has none. Collective."""
     if isinstance(quantity, Quantile):
         quantity = quantity.inner
     if isinstance(quantity, Resultant):

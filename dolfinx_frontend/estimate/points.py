@@ -266,8 +266,8 @@ def misfit_of_halves(parent: Array, halves: Array) -> Array:
 
 
 def off_witnesses(panels: Sequence[Panel], seen: Witnesses, space: RandomSpace) -> list[Array]:
-    """(3,) errors of the sums over panels by what witnesses differ from their polynomials, each of which stands for its
-    share of the probability, but no more than the panel has."""
+    """(3,) errors of the sums over panels by what witnesses differ from their polynomials, each of which stands
+    for its share of the probability, but no more than the panel has."""
     at, _ = np.polynomial.legendre.leggauss(POINTS)
     own = np.linalg.inv(np.vander(at, POINTS))
     scores, share = normal_scores(space, seen.points)[:, 0], seen.weights + seen.tails
@@ -529,8 +529,8 @@ def _openings(result: ChaosResult, samples: SampleResult) -> tuple[Array, Array]
 def _unmet(result: ChaosResult, samples: SampleResult) -> tuple[Array, Array]:
     """The same where the chaos has contacts in a state in which no sample has them.
 
-    A contact may be met in a window of the germs that points pass by. The chaos need not be right: what it says
-    of the state is where to look.
+    A contact may be met in a window of the germs that points pass by. The chaos need not be right: what it
+    says of the state is where to look.
     """
     germs = result.moment_germs()
     points, shares = [np.zeros((0, germs.shape[1]))], [np.zeros(0)]

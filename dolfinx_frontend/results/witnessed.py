@@ -1,8 +1,9 @@
 """Probabilities and quantiles of a chaos: with solved points beside it.
 
-A polynomial cannot follow a kink, nor a tail that is longer than its own. Its moments may be right to a percent while
-a tail is off by a factor, and the scatter of its own samples says nothing of that. So some of the samples are solved:
-those from whose values one can not be sure on which side of the limit the assembly really is.
+A polynomial cannot follow a kink, nor a tail that is longer than its own. Its moments may be right to a
+percent while a tail is off by a factor, and the scatter of its own samples says nothing of that. So some of
+the samples are solved: those from whose values one can not be sure on which side of the limit the assembly
+really is.
 """
 
 from __future__ import annotations

@@ -85,7 +85,8 @@ TEST(Germ, AnAtomFarFromTheOthersKeepsItsWeight) {
       EXPECT_NEAR(rule.weights(points - 1) * static_cast<double>(count + 1), 1.0, 1e-10);
       const Matrix psi = germ.evaluate(rule.points.col(0), 2);
       const Matrix gram = psi.transpose() * rule.weights.asDiagonal() * psi;
-      EXPECT_LT((gram - Matrix::Identity(3, 3)).cwiseAbs().maxCoeff(), 1e-9) << away << " " << points;
+      EXPECT_LT((gram - Matrix::Identity(3, 3)).cwiseAbs().maxCoeff(), 1e-9)
+          << away << " " << points;
     }
   }
 }

@@ -1,4 +1,4 @@
-"""A contact that is met in a window of the germs only: points are put where the chaos says that its state is another."""
+"""A contact that is met in a window of the germs only: points go where the chaos has another state of it."""
 
 from __future__ import annotations
 

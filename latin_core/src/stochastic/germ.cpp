@@ -90,7 +90,8 @@ struct Pair {
 Pair refined(const Recurrence& r, double x, Index n) {
   constexpr double epsilon = std::numeric_limits<double>::epsilon();
   const double size = r.alpha.head(n).norm() + r.beta.segment(1, n - 1).norm() + std::abs(x);
-  const double least = epsilon * epsilon * size + std::numeric_limits<double>::min();  // far below rounding, and its inverse is a number
+  // far below rounding, and its inverse is a number
+  const double least = epsilon * epsilon * size + std::numeric_limits<double>::min();
   const auto pivot = [least](double value) { return std::abs(value) <= least ? least : value; };
   std::vector<double> up(static_cast<std::size_t>(n));    // of L D L^T
   std::vector<double> down(static_cast<std::size_t>(n));  // of U D U^T
