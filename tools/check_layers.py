@@ -98,6 +98,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "meshed",
         "exchange",
         "solids",
+        "loading",
         "touching",
         "threads",
         "naming",

@@ -163,6 +163,8 @@ def _law(choice: _Choice, touch: Touch, found: Sequence[Finding], clamped: bool)
     round_ = "cylinder" in touch.shape
     if touch.kind == "cut":
         return _tightened(choice, found[0])
+    if touch.kind == "thread":
+        return Perfect(), f"a thread, drawn {-touch.gap:.3g} mm into its hole: tied over its length"
     for one, other in (found, found[::-1]):
         if one.kind in ("bolt", "stud") and round_ and not np.any(touch.normal):
             held = {p.part for each in threads(one).values() for p in each}
