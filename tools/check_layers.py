@@ -112,8 +112,11 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "away",
         "gmsh",
         "renaming",
-        "step",
+        "listing",
+        "selecting",
+        "step_parts",
         "proposal",
+        "step",
     ),
     "assembly": (
         "elements",

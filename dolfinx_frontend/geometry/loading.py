@@ -1,4 +1,4 @@
-"""Solids of a STEP file as a model of gmsh: read, cut, their threads made to fit, and divided where they touch.
+"""Solids of a STEP file as a model of gmsh: read, cut, their threads made to fit, divided where they touch.
 
 Touching faces are found by the general fuse of all solids (``occ.fragment``): it leaves one face where two
 solids meet, so that areas and normals are exact and the meshes of both match node for node. Faces that
@@ -196,7 +196,9 @@ def _boundary(occ: Any, model: Any, volume: int) -> list[tuple[int, int]]:
     return [(2, abs(t)) for _, t in model.getBoundary([(3, volume)], oriented=False)]
 
 
-def _tapped(gmsh: Any, volumes: Mapping[str, int]) -> tuple[dict[str, int], dict[tuple[str, str], float]]:
+def _tapped(
+    gmsh: Any, volumes: Mapping[str, int]
+) -> tuple[dict[str, int], dict[tuple[str, str], float]]:
     """Solids whose threads fit: a hole into which a screw is drawn is as wide as the screw.
 
     CAD files have a screw with its nominal diameter in a hole with that of the core: over the thread both have
@@ -214,7 +216,8 @@ def _tapped(gmsh: Any, volumes: Mapping[str, int]) -> tuple[dict[str, int], dict
             if rings := {key: depth for ring in each if ring for key, depth in (ring,)}:
                 found.setdefault(names[j], {})[names[i]] = rings
     for part, screws in found.items():
-        bored, _ = occ.cut([(3, out[part])], [(3, out[n]) for n in screws], removeObject=False, removeTool=False)
+        tools = [(3, out[n]) for n in screws]
+        bored, _ = occ.cut([(3, out[part])], tools, removeObject=False, removeTool=False)
         kept = sum(occ.getMass(3, tag) for _, tag in bored)
         expected = sum(volume for rings in screws.values() for *_, volume in rings)
         fits = _RING[0] < (occ.getMass(3, out[part]) - kept) / expected < _RING[1]
@@ -228,7 +231,7 @@ def _tapped(gmsh: Any, volumes: Mapping[str, int]) -> tuple[dict[str, int], dict
 
 
 def _ring(shank: Surface, hole: Surface) -> tuple[tuple[float, ...], float] | None:
-    """Where a shank is drawn into the wall of a hole: place along the axis and volume of the ring, and its depth."""
+    """Where a shank is drawn into the wall of a hole: place and volume of the ring, and its depth."""
     r, wide = hole.radius or 0.0, shank.radius or 0.0
     if not _THREAD[0] * r < wide < _THREAD[1] * r or np.linalg.norm(np.cross(shank.axis, hole.axis)) > 1e-4:
         return None

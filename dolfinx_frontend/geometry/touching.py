@@ -55,14 +55,14 @@ class Touch:
     parts
         The two parts; the normal points out of the first.
     kind
-        ``"touching"``, ``"near"``, ``"cut"`` for the two halves of a solid, or ``"thread"`` for a screw that is
+        ``"touching"``, ``"near"``, ``"cut"`` for the two halves of a solid, ``"thread"`` for a screw that is
         drawn into the wall of its hole.
     surfaces
         Numbers of the faces of each.
     area
         Area on which they face each other.
     gap, widest
-        Mean and largest distance there, length; of a thread how deep it is drawn, < 0.
+        Mean and largest distance there, length; a thread is drawn into its hole by -gap.
     normal
         Mean unit normal; zero if the face closes on itself.
     shape

@@ -119,8 +119,8 @@ class Maker:
         across, head, nut, socket, washer = _TABLE[self.d0]
         self.d = self.near(self.d0)
         own = np.random.default_rng([seed, 7])
-        self.bore = self.d * (float(own.uniform(0.83, 0.87)) if own.uniform() < 0.25 else 1.0)
-        """Of nuts and tapped holes; the narrow ones overlap with their bolts."""
+        self.bore = self.d * (0.85 if own.uniform() < 0.25 else 1.0)
+        """Of nuts and tapped holes; the narrow ones are as wide as the core and overlap with their bolts."""
         self.across, self.head, self.nut, self.socket = map(self.near, (across, head, nut, socket))
         # what is off still has to go over its bolt
         inner = max(self.near(washer[0]), 1.02 * self.d)
