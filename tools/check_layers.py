@@ -113,6 +113,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "gmsh",
         "renaming",
         "listing",
+        "places",
         "selecting",
         "step_parts",
         "proposal",

@@ -9,6 +9,9 @@ from dolfinx_frontend.geometry.touching import Touch
 
 __all__ = ["misfits"]
 
+_FINE = 0.995
+"""Hole over that of the fine series from which it is no narrower: rounding of inches."""
+
 _LEAST = 0.5
 """Length of a thread that holds a bolt, in diameters; nuts of ISO 4032 have 0.8."""
 
@@ -39,8 +42,8 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
     assert shank is not None
     held = threads(bolt)
     for p in bolt.passages:
-        hole = p.ratio * shank.d
-        if size is not None and not p.fits and hole < 0.995 * size.holes[0] * min(1.0, shank.d / size.d):
+        hole = p.width
+        if size is not None and not p.fits and hole < _FINE * size.holes[0] * min(1.0, shank.d / size.d):
             yield (
                 f"the hole of {p.part!r} for {bolt.part!r} has {hole:.4g} mm: ISO 273 has "
                 f"{size.holes[0]:g} mm (fine) to {size.holes[2]:g} mm for {size.name}; bore it, or give "

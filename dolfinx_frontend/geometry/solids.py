@@ -25,7 +25,8 @@ ROUNDING = 1e-9
 _SHARES = np.array([[0.1, 0.2], [0.4, 0.4], [0.7, 0.7], [0.95, 0.9]])
 """Where a cylinder or cone is looked at, in the range of its parameters."""
 
-_POINTS_OF_EDGES = 5
+POINTS_OF_EDGES = 5
+"""Of each edge in a rim."""
 
 
 @dataclass(frozen=True)
@@ -281,7 +282,7 @@ def _rim(model: Any, tag: int) -> Array:
     found = []
     for _, curve in model.getBoundary([(2, tag)], combined=False, oriented=False):
         low, high = (float(v[0]) for v in model.getParametrizationBounds(1, abs(curve)))
-        at = np.linspace(low, high, _POINTS_OF_EDGES)
+        at = np.linspace(low, high, POINTS_OF_EDGES)
         found.append(np.asarray(model.getValue(1, abs(curve), at.tolist())).reshape(-1, 3))
     return np.concatenate(found) if found else np.zeros((0, 3))
 

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_frontend.common.checks import check_known, checked_number
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known, checked_number, checked_reals
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.recorded import Journal, journaled
 from dolfinx_frontend.geometry.fits import misfits
 from dolfinx_frontend.geometry.listing import finding_table, interface_table, part_table, surface_table
 from dolfinx_frontend.geometry.parts import FREE
+from dolfinx_frontend.geometry.places import PLACES
 from dolfinx_frontend.geometry.reading import Source
 from dolfinx_frontend.geometry.recognition import KINDS, Finding, forced, recognised
 from dolfinx_frontend.geometry.renaming import (
@@ -178,6 +180,7 @@ class StepParts:
         radius: float | None = None,
         tags: Sequence[int] | None = None,
         where: Callable[[Surface], bool] | None = None,
+        near: Sequence[float] | None = None,
     ) -> tuple[str, ...]:
         """Name faces that are in no interface, to fix or to load them.
 
@@ -195,6 +198,9 @@ class StepParts:
             Numbers, as :meth:`faces` shows them.
         where
             Any other condition on a :class:`Surface`.
+        near
+            Of the faces that fit, the one whose centre is nearest to this point, of a hole its axis; with all
+            that it is divided into.
 
         Returns
         -------
@@ -220,10 +226,39 @@ class StepParts:
                 )
             if (part, face) in self._taken or face == FREE:
                 raise SceneError(f"face {name!r}: the name is in use on {part!r}; choose another one")
+            if near is not None:
+                fits = self._nearest(part, fits, self._place("face", near))
             old = self._named.get((part, face), ())
             self._named[part, face] = (*old, *(s.tag for s in fits))
             found.append(f"{part}:{face}")
         return tuple(found)
+
+    def point(self, part: str, near: Sequence[float], on: str = "corner") -> tuple[float, float, float]:
+        """The point of a part that is nearest to a given one: a support or a load goes there.
+
+        Parameters
+        ----------
+        near
+            Three coordinates, length.
+        on
+            "corner" (meshes have a node there), "edge", or "hole": on the axis of a hole, between its ends.
+
+        Raises
+        ------
+        SceneError
+            A part or kind of place that there is not; a part without holes.
+        """
+        known, x = self._recognised[0], self._place("point", near)
+        whole = next((n for n, body in known.items() if part in (n, *body.parts)), "")
+        if not whole:
+            raise unknown_name("part", part, self.solids, "point")
+        if on not in PLACES:
+            raise unknown_name("kind of place", on, PLACES, f"point of {part!r}")
+        found = PLACES[on](known[whole], x)
+        if not len(found):
+            raise SceneError(f"point of {part!r}: it has no {on}; give on='corner' or 'edge'")
+        a, b, c = found[np.argmin(np.linalg.norm(found - x, axis=1))].tolist()
+        return a, b, c
 
     @journaled
     def rename(self, part: str | Mapping[str, str], name: str | None = None) -> None:
@@ -363,6 +398,26 @@ class StepParts:
         except SceneError:
             raise unknown_name("interface", pattern, self.touches, where) from None
         return list(dict.fromkeys(both[name] for name in found))
+
+    @staticmethod
+    def _place(where: str, near: Sequence[float]) -> Array:
+        x = checked_reals(where, "near", near, "give three coordinates")
+        if x.shape != (3,):
+            raise SceneError(f"{where}: near = {near!r}; give three coordinates")
+        return x
+
+    def _nearest(self, part: str, among: Sequence[Surface], x: Array) -> list[Surface]:
+        """The face that is nearest to a point, with all of its pieces."""
+        def off(s: Surface) -> float:
+            if s.kind != "cylinder":
+                return float(np.linalg.norm(x - s.centre))
+            t = (s.rim - s.origin) @ s.axis
+            return float(np.linalg.norm(x - s.origin - np.clip((x - s.origin) @ s.axis, t.min(), t.max()) * s.axis))
+
+        first = min(among, key=off)
+        pieces = {t for body in self._recognised[0].values() for f in body.faces if first.tag in f.tags
+                  for t in f.tags}
+        return [s for s in among if s.tag in pieces or s is first]
 
     def _small(self) -> float:
         """A length that is rounding."""
