@@ -112,6 +112,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "away",
         "gmsh",
         "renaming",
+        "cells",
         "listing",
         "places",
         "selecting",

@@ -16,14 +16,23 @@ __all__ = ["finding_table", "interface_table", "part_table", "surface_table"]
 
 
 def part_table(
-    solids: Mapping[str, Solid], sizes: Mapping[str, float], materials: Mapping[str, str]
+    solids: Mapping[str, Solid], cells: Mapping[str, tuple[float, float, float]], materials: Mapping[str, str]
 ) -> list[str]:
-    """Lines: volume, size of cells, faces and material of each part."""
-    rows: list[tuple[str, ...]] = [("part", "volume mm^3", "cells mm", "faces", "material")]
+    """Lines: volume, material, and size and expected number of cells, and of unknowns, of each part."""
+    heads = ("part", "volume mm^3", "faces", "cells mm", "cells", "unknowns", "material")
+    rows: list[tuple[str, ...]] = [heads]
     for n, solid in solids.items():
-        row = (f"{solid.volume:.5g}", f"{sizes[n]:.3g}", str(len(solid.surfaces)), materials.get(n, "-"))
-        rows.append((n, *row))
-    return columns(_merged(rows), "<>>><")
+        size, *counts = cells[n]
+        row = (f"{solid.volume:.5g}", str(len(solid.surfaces)), f"{size:.3g}", *map(_about, counts))
+        rows.append((n, *row, materials.get(n, "-")))
+    rows = _merged(rows)
+    total = (_about(sum(each[k] for each in cells.values())) for k in (1, 2))
+    return columns([*rows, ("all, about", "", "", "", *total, "")], "<>>>>><")
+
+
+def _about(count: float) -> str:
+    """Two digits of a count."""
+    return f"{float(f'{count:.2g}'):.0f}"
 
 
 def interface_table(touches: Mapping[str, Touch], laws: Mapping[str, str]) -> list[str]:

@@ -19,10 +19,11 @@ from dolfinx_frontend.geometry.shapes import Body, Face, Station, Turned, turned
 from dolfinx_frontend.geometry.threads import SIZES, Size, nearest_size
 from dolfinx_frontend.geometry.touching import Touch
 
-__all__ = ["FASTENERS", "KINDS", "Finding", "Passage", "Shank", "forced", "recognised", "threads"]
+__all__ = ["CLAMPING", "KINDS", "Finding", "Passage", "Shank", "forced", "recognised", "threads"]
 
 KINDS = ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet")
-FASTENERS = ("bolt", "stud", "nut", "washer", "dowel")
+CLAMPING = ("bolt", "stud", "nut", "washer")
+"""Kinds whose plane faces press on others."""
 
 
 @dataclass(frozen=True)

@@ -193,7 +193,12 @@ class StepAssembly(StepParts):
 
     # -- what is proposed ------------------------------------------------------------------------
     def proposal(
-        self, *, grade: str = "8.8", tightening: str = "torque", scatter: bool = True
+        self,
+        *,
+        grade: str = "8.8",
+        tightening: str = "torque",
+        scatter: bool = True,
+        accuracy: float = 0.05,
     ) -> StepAssembly:
         """The file read again with cuts for its bolts, and with a material, sizes and laws for everything.
 
@@ -209,6 +214,8 @@ class StepAssembly(StepParts):
             "torque, tested", "angle", "yield", "hydraulic", "impact".
         scatter
             Preloads and friction are random; False: they are their means.
+        accuracy
+            For the sizes of cells, see :meth:`sizes`.
 
         Raises
         ------
@@ -223,8 +230,7 @@ class StepAssembly(StepParts):
         for part, name in of.items():
             material, new.why["material", part] = choice.material(found[name])
             new.material(part, material)
-            if (shank := found[name].shank) is not None:
-                new.size(part, 0.5 * shank.d)
+        new.sizes(accuracy)
         for name, touch in new.touches.items():
             parts = [of[p] for p in touch.parts]
             clamped = clamped_by(found, parts)
@@ -237,13 +243,20 @@ class StepAssembly(StepParts):
         return new
 
     def propose(
-        self, *, grade: str = "8.8", tightening: str = "torque", scatter: bool = True, **settings: Any
+        self,
+        *,
+        grade: str = "8.8",
+        tightening: str = "torque",
+        scatter: bool = True,
+        accuracy: float = 0.05,
+        **settings: Any,
     ) -> Scene:
         """The scene of :meth:`proposal`; `settings` are those of :meth:`mesh`.
 
         Bolts are tightened up to the time 1; loads come after it. Supports and loads are added to the scene.
         """
-        return self.proposal(grade=grade, tightening=tightening, scatter=scatter).scene(**settings)
+        made = self.proposal(grade=grade, tightening=tightening, scatter=scatter, accuracy=accuracy)
+        return made.scene(**settings)
 
     def _pieces(self, name: str) -> list[str]:
         """A part, or the halves that it was cut into."""

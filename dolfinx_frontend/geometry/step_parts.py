@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,12 +15,13 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_reals
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.recorded import Journal, journaled
+from dolfinx_frontend.geometry.cells import fineness, forecast, ring_width
 from dolfinx_frontend.geometry.fits import misfits
 from dolfinx_frontend.geometry.listing import finding_table, interface_table, part_table, surface_table
 from dolfinx_frontend.geometry.parts import FREE
 from dolfinx_frontend.geometry.places import PLACES
 from dolfinx_frontend.geometry.reading import Source
-from dolfinx_frontend.geometry.recognition import KINDS, Finding, forced, recognised
+from dolfinx_frontend.geometry.recognition import CLAMPING, KINDS, Finding, forced, recognised
 from dolfinx_frontend.geometry.renaming import (
     in_words,
     new_names,
@@ -135,6 +137,30 @@ class StepParts:
         else:
             names = matching(pattern, self.solids, "part", "size")
             self._sizes |= dict.fromkeys(names, float(size))
+
+    @journaled
+    def sizes(self, accuracy: float = 0.05) -> None:
+        """Cell sizes for an accuracy: by the thickness of parts, the shanks of bolts, the rings under heads.
+
+        What it costs is in the table of :func:`print`, before anything is meshed; sizes that are given
+        afterwards override it.
+
+        Parameters
+        ----------
+        accuracy
+            Relative, of forces in the joints: a rule for a first mesh. An answer has its own estimate
+            (`errors`), and ``solve(accuracy=...)`` refines where it matters.
+        """
+        fine = fineness(checked_number("sizes", "accuracy", accuracy, above=0.0))
+        of = {part: name for name, body in self._recognised[0].items() for part in body.parts}
+        found = self.found
+        for part, solid in self.solids.items():
+            shank = found[of[part]].shank
+            self._sizes[part] = fine * min(solid.thickness, 0.5 * shank.d if shank else math.inf)
+        for name, touch in self.touches.items():
+            fastened = any(found[of[p]].kind in CLAMPING for p in touch.parts)
+            if fastened and touch.shape.startswith("plane") and touch.kind == "touching":
+                self._local[name] = fine * ring_width(self.solids[touch.parts[0]], touch.surfaces[0])
 
     @journaled
     def join(
@@ -370,13 +396,17 @@ class StepParts:
 
     def __str__(self) -> str:
         volume = sum(s.volume for s in self.solids.values())
-        sizes = {name: self._size(name) for name in self.solids}
+        local = self._on_faces()
+        cells = {}
+        for name, solid in self.solids.items():
+            degree = self._bodies[name].degree if name in self._bodies else 2
+            cells[name] = (self._size(name), *forecast(solid, self._size(name), local[name], degree))
         materials = {name: type(body.material).__name__ for name, body in self._bodies.items()}
         laws = {name: join.law.title if join else "left open" for name, join in self._joins.items()}
         lines = [
             f"{self.path.name}: {len(self.solids)} parts, {volume:.5g} mm^3, "
             f"{len(self.touches)} interfaces proposed (gap up to {self.gap:.3g} mm)", "",
-            *part_table(self.solids, sizes, materials), *interface_table(self.touches, laws),
+            *part_table(self.solids, cells, materials), *interface_table(self.touches, laws),
             *(f"nothing touches: {text}" for text in self._alone), *finding_table(self.found),
             *(f"does not fit: {text}" for text in self.misfits),
         ]
@@ -412,7 +442,8 @@ class StepParts:
             if s.kind != "cylinder":
                 return float(np.linalg.norm(x - s.centre))
             t = (s.rim - s.origin) @ s.axis
-            return float(np.linalg.norm(x - s.origin - np.clip((x - s.origin) @ s.axis, t.min(), t.max()) * s.axis))
+            along = np.clip((x - s.origin) @ s.axis, t.min(), t.max())
+            return float(np.linalg.norm(x - s.origin - along * s.axis))
 
         first = min(among, key=off)
         pieces = {t for body in self._recognised[0].values() for f in body.faces if first.tag in f.tags
@@ -427,6 +458,17 @@ class StepParts:
 
     def _size(self, part: str) -> float:
         return self._sizes.get(part, self.solids[part].thickness)
+
+    def _on_faces(self) -> dict[str, dict[int, float]]:
+        """Part -> number of a face -> largest cells there, by its interfaces and the parts beside it."""
+        out: dict[str, dict[int, float]] = {name: {} for name in self.solids}
+        for name, touch in self.touches.items():
+            for k in (0, 1):
+                beside = math.inf if touch.kind == "near" else self._size(touch.parts[1 - k])
+                for tag in touch.surfaces[k]:
+                    own = out[touch.parts[k]]
+                    own[tag] = min(own.get(tag, math.inf), beside, self._local.get(name, math.inf))
+        return out
 
     def _in_contact(self, surface: Surface) -> bool:
         return any(p == surface.part and surface.tag in tags for (p, _), tags in self._taken.items())
