@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.geometry.solids import POINTS_OF_EDGES, Solid
 
-__all__ = ["fineness", "forecast", "ring_width"]
+__all__ = ["fineness", "forecast", "layer", "ring_width"]
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,15 @@ class Settings:
     nodes: tuple[float, float] = (1.28, 1.8)
     """Nodes of degree 2 for a tetrahedron, and for a triangle of a face."""
     accuracy: float = 0.05
-    """Relative error of forces in the joints where cells are as large as their part is thick."""
+    """Relative error of joints where cells are as large as their part is thick: the use of friction of the
+    bracket's foot is 3 % off that with 0.6 of the size, the force of its bolts .1 %."""
     order: float = 2.0
-    """By the how manieth power of the size of cells this error falls."""
-    least: float = 0.15
-    """Smallest size of cells over the thickness: further, `solve(accuracy=)` refines where it matters."""
+    """Power of the size of cells with which such an error falls, of degree 2 beside edges of contact."""
+    layer: float = 6.0
+    """Size of the cells of a thin layer over its thickness: its stress hardly changes along it."""
+    sizes: tuple[float, float] = (0.15, 2.0)
+    """Least and greatest size of cells over the thickness: below, `solve(accuracy=)` refines where it matters;
+    above, cells of walls are flat."""
 
 
 SETTINGS = Settings()
@@ -39,7 +43,13 @@ SETTINGS = Settings()
 
 def fineness(accuracy: float) -> float:
     """Size of cells over thickness for a relative accuracy of forces in the joints."""
-    return min(1.0, max(SETTINGS.least, (accuracy / SETTINGS.accuracy) ** (1.0 / SETTINGS.order)))
+    least, most = SETTINGS.sizes
+    return min(most, max(least, (accuracy / SETTINGS.accuracy) ** (1.0 / SETTINGS.order)))
+
+
+def layer(thickness: float) -> float:
+    """Size of the cells of a thin flat part."""
+    return SETTINGS.layer * thickness
 
 
 def ring_width(solid: Solid, tags: Sequence[int]) -> float:

@@ -9,6 +9,9 @@ from dolfinx_frontend.geometry.touching import Touch
 
 __all__ = ["misfits"]
 
+_DRAWN = 0.02
+"""By as much a shank may be off the diameters of its thread, relative, before this is said."""
+
 _FINE = 0.995
 """Hole over that of the fine series from which it is no narrower: rounding of inches."""
 
@@ -27,7 +30,8 @@ def misfits(found: Mapping[str, Finding], touches: Iterable[Touch], close: Seque
         Faces that touch, or are within the gap that was asked for; and those that are nearly so.
     """
     alike = {name: f.missing for name, f in found.items() if f.missing}
-    out = [f"{name!r} {missing}: say step.is_bolt({name!r}), or leave it" for name, missing in alike.items()]
+    remedy = 'say step.is_bolt({0!r}), step.is_a({0!r}, "dowel"), or leave it'
+    out = [f"{name!r} {missing}: {remedy.format(name)}" for name, missing in alike.items()]
     bolts = [f for f in found.values() if f.kind in ("bolt", "stud") and f.shank is not None]
     for bolt in bolts:
         out += _of_bolt(bolt)
@@ -41,6 +45,11 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
     shank, size = bolt.shank, bolt.size
     assert shank is not None
     held = threads(bolt)
+    if size is not None and min(abs(shank.d / each - 1.0) for each in size.drawn) > _DRAWN:
+        yield (
+            f"{bolt.part!r} has {shank.d:.4g} mm, which is taken for {size.name}: threads of inches are not in "
+            f"the tables; give another size, step.is_bolt({bolt.part!r}, ...), or its own Preload"
+        )
     for p in bolt.passages:
         hole = p.width
         if size is not None and not p.fits and hole < _FINE * size.holes[0] * min(1.0, shank.d / size.d):

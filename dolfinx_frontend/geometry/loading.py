@@ -201,8 +201,8 @@ def _tapped(
 ) -> tuple[dict[str, int], dict[tuple[str, str], float]]:
     """Solids whose threads fit: a hole into which a screw is drawn is as wide as the screw.
 
-    CAD files have a screw with its nominal diameter in a hole with that of the core: over the thread both have
-    one ring, which becomes the screw's. Other overlaps stay; depths of threads are returned.
+    CAD files have a screw with its nominal diameter in a hole with that of the core: over the thread both
+    have one ring, which becomes the screw's. Other overlaps stay; depths of threads are returned.
     """
     occ, model = gmsh.model.occ, gmsh.model
     out, depths = dict(volumes), dict[tuple[str, str], float]()

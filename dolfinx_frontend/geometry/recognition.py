@@ -19,11 +19,13 @@ from dolfinx_frontend.geometry.shapes import Body, Face, Station, Turned, turned
 from dolfinx_frontend.geometry.threads import SIZES, Size, nearest_size
 from dolfinx_frontend.geometry.touching import Touch
 
-__all__ = ["CLAMPING", "KINDS", "Finding", "Passage", "Shank", "forced", "recognised", "threads"]
+__all__ = ["CLAMPING", "FLAT", "KINDS", "Finding", "Passage", "Shank", "forced", "recognised", "threads"]
 
 KINDS = ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet")
 CLAMPING = ("bolt", "stud", "nut", "washer")
 """Kinds whose plane faces press on others."""
+FLAT = ("gasket", "sheet")
+"""Kinds that are thin and flat."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,8 @@ class Settings:
     """Width of a washer over its hole: 1.6 (ISO 7089) to 3.1 (ISO 7093)."""
     washer_height: float = 0.3
     """Greatest height of a washer over its hole: 0.25 (ISO 7089, M6), spring washers 0.27."""
-    washer_off: float = 0.08
-    """By as much each size of a washer on no bolt may be off ISO 7089, relative."""
+    off: float = 0.08
+    """By as much a size of a washer on no bolt may be off ISO 7089, and the height of a cap off ISO 4762."""
     named: Span = Span(0.77, 1.2)
     """Diameter over that in the name, for it to be its thread: cores, and the holes of washers."""
     thread: Span = Span(0.77, 1.02)
@@ -336,16 +338,20 @@ def _recess(seen: Turned, low: float, high: float, d: float) -> str:
 
 
 def _of_head(shank: Shank) -> Size | None:
-    """The thread by shank and head."""
-    socket = shank.drive == "hexagon socket"
-    known = shank.heads and (socket or shank.drive == "hexagon")
-    return nearest_size(shank.d, shank.width, socket) if known else None
+    """The thread by shank and head: a hexagon, or a cap with a socket, as high as the thread is wide."""
+    if not shank.heads or shank.drive not in ("hexagon", "hexagon socket"):
+        return None
+    size = nearest_size(shank.d, shank.width, shank.drive != "hexagon")
+    cap = size is None or shank.drive == "hexagon" or abs(shank.height / size.d - 1.0) < SETTINGS.off
+    return size if cap else None
 
 
 def _nominal(shank: Shank) -> float:
     """Nominal diameter, also of a shank that is drawn at its pitch or core diameter."""
     size = _of_head(shank)
-    return size.d if size is not None and shank.d < SETTINGS.fit * size.pitch_diameter else shank.d
+    if size is None or not size.core_diameter / SETTINGS.fit < shank.d < SETTINGS.fit * size.pitch_diameter:
+        return shank.d
+    return size.d
 
 
 def _passages(view: _View, holes: Iterable[tuple[str, Face]]) -> tuple[Passage, ...]:
@@ -533,7 +539,7 @@ def _washer_size(d: float, width: float, height: float) -> Size | None:
         return max(abs(a / b - 1.0) for a, b in zip((d, width, height), size.washer, strict=True))
 
     size = min(SIZES.values(), key=off)
-    return size if off(size) < SETTINGS.washer_off else None
+    return size if off(size) < SETTINGS.off else None
 
 
 def _dowel(view: _View) -> Finding:

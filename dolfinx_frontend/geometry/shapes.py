@@ -84,7 +84,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Station:
-    """A prism around an axis: a cylinder, a cone or a hexagon.
+    """A piece around an axis: a cylinder, a cone (or what else tapers: a sphere, a fillet) or a hexagon.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Station:
     low, high
         Where it begins and ends along the axis.
     hollow, hexagon, cone
-        Whether it is a hole, has six flats, is a cone.
+        Whether it is a hole, has six flats, tapers.
     faces
         What it is made of.
     """
@@ -260,9 +260,10 @@ def _around(body: Body, origin: Array, axis: Array, slack: float) -> Turned:
     sides = []
     for face in body.faces:
         first = face.first
-        if first.kind in ("cylinder", "cone") and _on_axis(first, origin, axis, slack):
+        tapers = first.kind in ("torus", "sphere") and len(face.rim) and _centred(face, origin, axis, slack)
+        if first.kind in ("cylinder", "cone") and _on_axis(first, origin, axis, slack) or tapers:
             t = (face.rim - origin) @ axis
-            cone = first.kind == "cone"
+            cone = first.kind != "cylinder"
             across = face.rim - origin - t[:, None] * axis
             width = 2.0 * float(np.linalg.norm(across, axis=1).max() if cone else first.radius or 0.0)
             stations.append(
@@ -273,8 +274,6 @@ def _around(body: Body, origin: Array, axis: Array, slack: float) -> Turned:
             share += face.area
         elif first.kind == "plane" and abs(float(first.normal @ axis)) < _PARALLEL:
             sides.append(face)
-        elif first.kind in ("torus", "sphere") and _centred(face, origin, axis, slack):
-            share += face.area
     hexagons = _hexagons(sides, origin, axis)
     stations += hexagons
     share += sum(f.area for s in hexagons for f in s.faces)

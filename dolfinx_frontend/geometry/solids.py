@@ -191,6 +191,7 @@ def matching(pattern: str, names: Iterable[str], kind: str, where: str) -> list[
 
 
 def box_of(occ: Any, dim: int, tag: int) -> tuple[Array, Array]:
+    """Corners of the bounding box of a point, curve, face or solid."""
     box = np.asarray(occ.getBoundingBox(dim, tag))
     return box[:3], box[3:]
 
@@ -231,6 +232,7 @@ def outward(model: Any, volumes: Sequence[int], surface: int, at: Array) -> floa
 
 
 def surface_of(model: Any, name: str, volumes: Sequence[int], tag: int) -> Surface:
+    """A face of a part, measured."""
     occ = model.occ
     kind = str(model.getType(2, tag)).lower()
     at = parameters_of(model, tag)

@@ -55,6 +55,8 @@ __all__ = ["StepAssembly", "read_step"]
 _CROSSING = "PLC Error"
 """What gmsh says of edges and faces that cross each other."""
 _FINER_TURNS = 8
+_STAGES = 5
+"""Of reading a file: read, checked, divided, measured, compared."""
 
 
 class StepAssembly(StepParts):
@@ -371,9 +373,10 @@ def read_step(
     checked_flag("read_step", "partial", partial)
     check_timeout(timeout)
     source = Source(file.absolute(), file.name, planes, imprint, tolerance, partial)
-    with _copied(source) as copy:
+    with _copied(source) as copy, Bar(_STAGES, f"read {file.name}", "stage") as bar:
         found: Survey = away(
-            "survey", file, "cannot be read as STEP", "export it again", timeout, source=copy, gap=gap
+            "survey", file, "cannot be read as STEP", "export it again", timeout, lambda _: bar.step(),
+            source=copy, gap=gap,
         )
     if found.outside:
         others = ", ".join(map(repr, found.outside))

@@ -15,13 +15,13 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_reals
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.recorded import Journal, journaled
-from dolfinx_frontend.geometry.cells import fineness, forecast, ring_width
+from dolfinx_frontend.geometry.cells import fineness, forecast, layer, ring_width
 from dolfinx_frontend.geometry.fits import misfits
 from dolfinx_frontend.geometry.listing import finding_table, interface_table, part_table, surface_table
 from dolfinx_frontend.geometry.parts import FREE
 from dolfinx_frontend.geometry.places import PLACES
 from dolfinx_frontend.geometry.reading import Source
-from dolfinx_frontend.geometry.recognition import CLAMPING, KINDS, Finding, forced, recognised
+from dolfinx_frontend.geometry.recognition import CLAMPING, FLAT, KINDS, Finding, forced, recognised
 from dolfinx_frontend.geometry.renaming import (
     in_words,
     new_names,
@@ -142,6 +142,8 @@ class StepParts:
     def sizes(self, accuracy: float = 0.05) -> None:
         """Cell sizes for an accuracy: by the thickness of parts, the shanks of bolts, the rings under heads.
 
+        Cells of gaskets and sheets are flat, and no larger than their neighbours are thick.
+
         What it costs is in the table of :func:`print`, before anything is meshed; sizes that are given
         afterwards override it.
 
@@ -154,9 +156,13 @@ class StepParts:
         fine = fineness(checked_number("sizes", "accuracy", accuracy, above=0.0))
         of = {part: name for name, body in self._recognised[0].items() for part in body.parts}
         found = self.found
+        beside = {part: [self.solids[p].thickness for t in self.touches.values() if part in t.parts
+                         for p in t.parts if p != part] for part in self.solids}
         for part, solid in self.solids.items():
-            shank = found[of[part]].shank
-            self._sizes[part] = fine * min(solid.thickness, 0.5 * shank.d if shank else math.inf)
+            shank, size = found[of[part]].shank, solid.thickness
+            if found[of[part]].kind in FLAT:
+                size = min(layer(size), max([size, *beside[part]]))
+            self._sizes[part] = fine * min(size, 0.5 * shank.d if shank else math.inf)
         for name, touch in self.touches.items():
             fastened = any(found[of[p]].kind in CLAMPING for p in touch.parts)
             if fastened and touch.shape.startswith("plane") and touch.kind == "touching":

@@ -58,6 +58,11 @@ class Size(NamedTuple):
         return self.d - 1.2269 * self.pitch
 
     @property
+    def drawn(self) -> tuple[float, float, float]:
+        """Diameters that it is drawn with."""
+        return self.d, self.pitch_diameter, self.core_diameter
+
+    @property
     def stressed_diameter(self) -> float:
         """Of the stress area, (d2 + d3) / 2."""
         return 0.5 * (self.pitch_diameter + self.core_diameter)

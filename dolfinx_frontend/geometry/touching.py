@@ -101,6 +101,9 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
             shared.setdefault((both[0].part, both[1].part), []).append(both[0])
     for (a, b), surfaces in shared.items():
         depth = max(loaded.threads.get(pair, 0.0) for pair in ((a, b), (b, a)))
+        if depth:  # where the widened hole ends there is a step, on which nothing rests
+            rods = [s for s in surfaces if s.kind == "cylinder"]
+            surfaces = [s for s in surfaces if s in rods or not any(_inside(s, rod) for rod in rods)]
         for group in _groups(model, surfaces):
             _refuse_strip(a, b, group)
             kind: Kind = "cut" if (a, b) in loaded.halves else "touching"
@@ -123,6 +126,13 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
             out.append(Touch(**{**vars(touch), "name": name}))
     place = {name: i for i, name in enumerate(names)}
     return sorted(out, key=lambda t: (place[t.parts[0]], place[t.parts[1]], t.name))
+
+
+def _inside(surface: Surface, rod: Surface) -> bool:
+    """Whether a face ends within a cylinder."""
+    offset = surface.rim - rod.origin
+    across = np.linalg.norm(offset - np.outer(offset @ rod.axis, rod.axis), axis=1)
+    return bool(across.max() < (rod.radius or 0.0) * (1.0 + _PARALLEL))
 
 
 def _continue(model: Any, a: Surface, b: Surface, edges: Mapping[int, set[int]]) -> bool:
