@@ -34,8 +34,8 @@ class Settings:
     layer: float = 6.0
     """Size of the cells of a thin layer over its thickness: its stress hardly changes along it."""
     sizes: tuple[float, float] = (0.15, 2.0)
-    """Least and greatest size of cells over the thickness: below, `solve(accuracy=)` refines where it matters;
-    above, cells of walls are flat."""
+    """Least and greatest size of cells over the thickness: below, `solve(accuracy=)` refines where it
+    matters; above, cells of walls are flat."""
 
 
 SETTINGS = Settings()

@@ -47,8 +47,8 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
     held = threads(bolt)
     if size is not None and min(abs(shank.d / each - 1.0) for each in size.drawn) > _DRAWN:
         yield (
-            f"{bolt.part!r} has {shank.d:.4g} mm, which is taken for {size.name}: threads of inches are not in "
-            f"the tables; give another size, step.is_bolt({bolt.part!r}, ...), or its own Preload"
+            f"{bolt.part!r} has {shank.d:.4g} mm, which is taken for {size.name}: threads of inches are not "
+            f"in the tables; give another size, step.is_bolt({bolt.part!r}, ...), or its own Preload"
         )
     for p in bolt.passages:
         hole = p.width

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -196,6 +197,8 @@ def close_faces(
 ) -> list[Touch]:
     """Plane faces within a gap that are in no touch, where one covers half of the other."""
     taken = {tag for touch in touches for side in touch.surfaces for tag in side}
+    tags = [f.tag for s in solids.values() for f in s.surfaces]
+    taken |= {tag for tag, count in Counter(tags).items() if count > 1}  # shared: they touch, open or not
     plane = {
         name: replace(s, surfaces=tuple(f for f in s.surfaces if f.kind == "plane" and f.tag not in taken))
         for name, s in solids.items()
