@@ -217,11 +217,9 @@ class _View:
 
 def recognised(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> dict[str, Finding]:
     """What each part is taken for."""
-    views = {name: _seen(body) for name, body in bodies.items()}
-    holes = [(name, f) for name, b in bodies.items() for f in b.faces if f.kind == "cylinder"
-             and f.first.hollow]
-    passing = {n: _passages(v, holes) for n, v in views.items() if v.shank is not None}
-    views = {n: replace(v, passages=passing.get(n, ()), around=views) for n, v in views.items()}
+    views = _views(bodies, bodies)
+    passing = {n: v.passages for n, v in views.items() if v.shank is not None}
+    views = {n: replace(v, around=views) for n, v in views.items()}
     inside: dict[str, list[tuple[_View, float]]] = {}
     for name, found in passing.items():
         for each in found:
@@ -243,10 +241,11 @@ def recognised(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> dict[str
     return out
 
 
-def forced(body: Body, kind: str, size: Size | None) -> Finding:
+def forced(bodies: Mapping[str, Body], name: str, kind: str, size: Size | None) -> Finding:
     """A part that is of a kind because a user says so."""
-    view = _seen(body)
-    base = _of_shank(view, kind) if view.shank is not None else Finding(body.name, kind)
+    view = _views(bodies, (name,))[name]
+    around = {p.part: _seen(bodies[p.part]) for p in view.passages}
+    base = _of_shank(replace(view, around=around), kind) if view.shank is not None else Finding(name, kind)
     return replace(base, size=size or base.size, reasons=("said so",))
 
 
@@ -263,6 +262,13 @@ def threads(found: Finding) -> dict[int, list[Passage]]:
         last = max(fits, key=lambda p: end * (p.low + p.high))
         out[end] = [p for p in fits if p.part == last.part]
     return out
+
+
+def _views(bodies: Mapping[str, Body], names: Iterable[str]) -> dict[str, _View]:
+    """Parts with the holes that their shanks go through."""
+    holes = [(n, f) for n, b in bodies.items() for f in b.faces if f.kind == "cylinder" and f.first.hollow]
+    views = ((n, _seen(bodies[n])) for n in names)
+    return {n: v if v.shank is None else replace(v, passages=_passages(v, holes)) for n, v in views}
 
 
 def _seen(body: Body) -> _View:

@@ -299,7 +299,7 @@ def _hexagons(sides: Sequence[Face], origin: Array, axis: Array) -> list[Station
             if abs(reach[k] - reach[one]) < 0.01 * abs(reach[one])
             and min(ends[k][1], ends[one][1]) - max(ends[k][0], ends[one][0]) > 0.0
         ]
-        rest = [k for k in rest if k not in alike]
+        rest = [k for k in rest if k != one and k not in alike]  # a plane through the axis is like none
         turns = {round(_angle(sides[k].first.normal, sides[one].first.normal, axis) / 60.0, 2) % 6.0
                  for k in alike}
         if turns == {0.0, 1.0, 2.0, 3.0, 4.0, 5.0}:

@@ -350,7 +350,7 @@ class StepParts:
             raise unknown_name("part", part, known, f"is_{kind}" if kind == "bolt" else "is_a")
         if kind not in KINDS:
             raise unknown_name("kind of part", kind, KINDS, f"is_a {part!r}")
-        found = forced(known[part], kind, None if size is None else size_of(size, f"is_{kind} {part!r}"))
+        found = forced(known, part, kind, None if size is None else size_of(size, f"is_{kind} {part!r}"))
         if found.shank is None and kind in ("bolt", "stud", "dowel"):
             raise SceneError(f"{part!r} cannot be a {kind}: it has no round shank; name another part")
         self._overruled[part] = found
