@@ -3,7 +3,8 @@
 Plates, brackets and rings held by bolts, screws and studs of M4 to M64 with nuts and washers, over gaskets,
 with dowels, and between them what looks alike and is none: bushings, spacers, collars, flanged pins, shafts
 with a collar, hexagon bars, covers. Clearance holes of all series and slots; hexagon and socket heads, heads
-and nuts that are plain discs; chamfers, cores; threads that overlap; parts that are one. Turned, mirrored, in mm, m or inches.
+and nuts that are plain discs; chamfers, cores; threads that overlap; parts that are one. Turned, mirrored, in
+mm, m or inches.
 ``made(seed)`` makes one, ``write(assembly, path)`` a file. Nothing here knows how parts are recognised.
 """
 
@@ -81,8 +82,9 @@ def cylinder(occ: Any, x: float, y: float, low: float, high: float, d: float) ->
     return 3, occ.addCylinder(x, y, low, 0, 0, high - low, 0.5 * d)
 
 
-def hexagon(occ: Any, x: float, y: float, low: float, high: float, across: float,
-             angle: float) -> tuple[int, int]:
+def hexagon(
+    occ: Any, x: float, y: float, low: float, high: float, across: float, angle: float
+) -> tuple[int, int]:
     r = across / math.sqrt(3.0)
     turns = [angle + k * math.pi / 3 for k in range(6)]
     points = [occ.addPoint(x + r * math.cos(a), y + r * math.sin(a), low) for a in turns]
@@ -171,7 +173,7 @@ class Maker:
                 top = cylinder(occ, x, y, seat, seat + k, w)
             if collar and style == "hex":  # the face of a washer on the head, as ISO 4014 has it
                 ring = cut(occ, cylinder(occ, x, y, seat, seat + 0.05 * d, 2.0 * w),
-                            [cylinder(occ, x, y, seat, seat + 0.05 * d, 0.95 * w)])
+                           [cylinder(occ, x, y, seat, seat + 0.05 * d, 0.95 * w)])
                 top = cut(occ, top, [ring])
             body = fuse(occ, [top, *shank])
             if style == "socket" and recess:
@@ -306,8 +308,8 @@ class Maker:
             else:
                 body = (3, occ.addBox(-reach, -reach, z, 2 * reach, 2 * reach, t))
             if shape == "bracket":
-                body = fuse(occ,
-                             [body, (3, occ.addBox(-reach - d, -reach, z, 1.0 * d, 2 * reach, t + 4 * d))])
+                wall = (3, occ.addBox(-reach - d, -reach, z, 1.0 * d, 2 * reach, t + 4 * d))
+                body = fuse(occ, [body, wall])
             tools = []
             if shape == "ring" and inner > 1.5 * d and not middle and not dowels:
                 tools.append(cylinder(occ, 0, 0, z - 1, z + t + 1, 1.2 * inner))

@@ -1,9 +1,9 @@
 """Assemblies of other families than those that the recognition was made with, drawn in other ways.
 
-Pipe flanges, housings with covers, steel frames, shaft clamps, stacks on tie rods and mounts: shanks with runouts
-and waists, threads drawn at their core or with an overlap, flanged and low heads, chamfers on both sides of nuts,
-wide, split and fused washers, gaskets inside of the bolts, counterbores, and beside them bearing rings, circlips,
-sleeves, plugs, shims, and parts whose names have words of fasteners in them.
+Pipe flanges, housings with covers, steel frames, shaft clamps, stacks on tie rods and mounts: shanks with
+runouts and waists, threads drawn at their core or with an overlap, flanged and low heads, chamfers on both
+sides of nuts, wide, split and fused washers, gaskets inside of the bolts, counterbores, and beside them
+bearing rings, circlips, sleeves, plugs, shims, and parts whose names have words of fasteners in them.
 
 Nobody tunes anything on these: who changes the recognition because of one of them moves its family to
 ``assemblies.py`` and writes another. ``made(seed)`` makes one; the family is seed modulo six.
@@ -69,8 +69,9 @@ class _HeldOut(Maker):
             body.append(rod(-length + start, -thread, d_tip))
             neck = 0.85 * d if form == "waist" else d
             if form == "runout" and d_tip == d:
-                body += [cone(-thread, -thread + 0.1 * d, d, 0.86 * d), rod(-thread + 0.1 * d, -thread + 0.3 * d, 0.86 * d)]
-                body += [cone(-thread + 0.3 * d, -thread + 0.4 * d, 0.86 * d, d), rod(-thread + 0.4 * d, 0, d)]
+                neck, at = 0.86 * d, -thread
+                body += [cone(at, at + 0.1 * d, d, neck), rod(at + 0.1 * d, at + 0.3 * d, neck)]
+                body += [cone(at + 0.3 * d, at + 0.4 * d, neck, d), rod(at + 0.4 * d, 0, d)]
             else:
                 body.append(rod(-thread, 0.0, neck if thread < 0.8 * length else d_tip))
             if head == "hexagon" or head == "flange":
@@ -235,9 +236,11 @@ class _HeldOut(Maker):
 
                 body = disc(0.0, t, outer)
                 if inside:  # a raised face
-                    body = cut(occ, body, [cut(occ, disc(0.0, 0.1 * d, 2 * outer), [disc(0.0, 0.1 * d, reach)])])
+                    low = disc(0.0, 0.1 * d, 2 * outer)
+                    body = cut(occ, body, [cut(occ, low, [disc(0.0, 0.1 * d, reach)])])
                 if not closed:
-                    hub = (3, occ.addCone(0, 0, z + way * t, 0, 0, way * 1.2 * d, 0.5 * neck + 0.4 * d, 0.5 * neck))
+                    r = 0.5 * neck
+                    hub = (3, occ.addCone(0, 0, z + way * t, 0, 0, way * 1.2 * d, r + 0.4 * d, r))
                     body = fuse(occ, [body, hub, disc(t + 1.2 * d, t + 3.0 * d, neck)])
                 tools = [] if closed else [disc(-1.0, t + 4 * d, bore)]
                 return cut(occ, body, [*tools, *self.holes(occ, sites, z - 9 * t, z + 9 * t, hole)])
@@ -264,7 +267,7 @@ class _HeldOut(Maker):
             self.add("", self.ring(0, 0, low - 2 * d, low, bore, neck), "pipe")
 
     def cover(self) -> None:
-        """A housing with a cover on it, cap screws in counterbores, a frame as gasket, a shaft in bearing rings."""
+        """A housing with a cover, cap screws in counterbores, a frame as gasket, a shaft in bearing rings."""
         d, rng = self.d, self.rng
         nx, ny = int(rng.integers(2, 4)), int(rng.integers(2, 4))
         pitch = float(rng.uniform(5.0, 8.0)) * d
@@ -328,29 +331,33 @@ class _HeldOut(Maker):
             self.add("", self.ring(0, 0, z, z + wide, shaft, 1.3 * shaft), "inner bearing ring")
             self.add("", self.ring(0, 0, z, z + wide, 1.55 * shaft, 1.9 * shaft), "outer bearing ring")
             if self.chance(0.5):
-                self.add("", self.ring(0, 0, z + wide, z + wide + 0.08 * shaft, shaft, 1.28 * shaft), "circlip")
+                z += wide
+                self.add("", self.ring(0, 0, z, z + 0.08 * shaft, shaft, 1.28 * shaft), "circlip")
 
     def frame(self) -> None:
         """A hollow section with plates on both sides, bolts through all of it, slots, shims and sleeves."""
         d, rng = self.d, self.rng
         count, pitch = int(rng.integers(1, 5)), float(rng.uniform(4.0, 7.0)) * d
         sites = [(pitch * (k - 0.5 * (count - 1)), 0.0) for k in range(count)]
-        long, wide, wall = pitch * count + 4 * d, float(rng.uniform(5.0, 7.0)) * d, float(rng.uniform(0.5, 0.9)) * d
+        long, wide = pitch * count + 4 * d, float(rng.uniform(5.0, 7.0)) * d
+        wall = float(rng.uniform(0.5, 0.9)) * d
         high, t = float(rng.uniform(4.0, 7.0)) * d, float(rng.uniform(0.6, 1.5)) * d
         hole, slot = self.clear(1.12), 0.5 * d if self.chance(0.5) else 0.0
         shim = float(rng.uniform(0.05, 0.2)) * d if self.chance(0.4) else 0.0
         sleeve = self.chance(0.5)
 
         def tube(occ: Any) -> tuple[int, int]:
+            w, h = wide - 2 * wall, high - 2 * wall
             body = cut(occ, (3, occ.addBox(-0.5 * long, -0.5 * wide, 0, long, wide, high)),
-                       [(3, occ.addBox(-long, -0.5 * wide + wall, wall, 2 * long, wide - 2 * wall, high - 2 * wall))])
+                       [(3, occ.addBox(-long, -0.5 * w, wall, 2 * long, w, h))])
             return cut(occ, body, self.holes(occ, sites, -1, high + 1, hole))
 
         def plate(z: float, thick: float, extra: float, stem: bool, slotted: float) -> Make:
             def make(occ: Any) -> tuple[int, int]:
                 body = (3, occ.addBox(-0.5 * long, -0.5 * wide, z, long, wide + extra, thick))
                 if stem:  # an angle
-                    body = fuse(occ, [body, (3, occ.addBox(-0.5 * long, 0.5 * wide + extra - t, z, long, t, 5 * d))])
+                    wing = (3, occ.addBox(-0.5 * long, 0.5 * wide + extra - t, z, long, t, 5 * d))
+                    body = fuse(occ, [body, wing])
                 return cut(occ, body, self.holes(occ, sites, z - 1, z + thick + 1, hole, slotted))
 
             return make
@@ -380,7 +387,8 @@ class _HeldOut(Maker):
         sites = [(s * x0, y) for s in (-1, 1) for y in ys]
         high, a = 0.5 * bar + float(rng.uniform(1.0, 2.0)) * d, x0 + 1.8 * d
         hole, sunk, shim = self.clear(1.1), self.chance(0.5), 0.15 * d if self.chance(0.3) else 0.0
-        pins = [(s * (x0 + 0.9 * d), 0.4 * long) for s in (-1, 1)] if rows == 1 and not shim and self.chance(0.5) else []
+        pinned = rows == 1 and not shim and self.chance(0.5)
+        pins = [(s * (x0 + 0.9 * d), 0.4 * long) for s in (-1, 1)] if pinned else []
         deep = high + (d if self.chance(0.5) else 0.0)
         seat = shim + high - (d if sunk else 0.0)
 
@@ -390,7 +398,8 @@ class _HeldOut(Maker):
                 tools = [(3, occ.addCylinder(0, -long, 0.5 * shim, 0, 2 * long, 0, 0.5 * bar))]
                 if upper:
                     tools += self.holes(occ, sites, low - 1, low + height + 1, hole)
-                    tools += self.holes(occ, sites, seat, low + height + 1, 1.15 * self.socket) if sunk else []
+                    if sunk:
+                        tools += self.holes(occ, sites, seat, low + height + 1, 1.15 * self.socket)
                 else:
                     tools += self.holes(occ, sites, -1.6 * d, 0.0, self.bore)
                 tools += [cylinder(occ, x, y, -0.8 * d, shim + 0.8 * d, 0.45 * d) for x, y in pins]
@@ -413,12 +422,15 @@ class _HeldOut(Maker):
         for x, y in sites:
             self.screwed(x, y, 0.0, seat, head, "" if sunk or self.chance(0.5) else "plain")
         for x, y in pins:
-            self.add("dowel", lambda occ, x=x, y=y: cylinder(occ, x, y, -0.75 * d, shim + 0.75 * d, 0.45 * d))
+            z = shim + 0.75 * d
+            self.add("dowel", lambda occ, x=x, y=y, z=z: cylinder(occ, x, y, -0.75 * d, z, 0.45 * d))
         stepped = self.chance(0.5)
 
         def shaft(occ: Any) -> tuple[int, int]:
             body = (3, occ.addCylinder(0, -2 * long, 0.5 * shim, 0, 4 * long, 0, 0.5 * bar))
-            return fuse(occ, [body, (3, occ.addCylinder(0, long, 0.5 * shim, 0, d, 0, 0.8 * bar))]) if stepped else body
+            if not stepped:
+                return body
+            return fuse(occ, [body, (3, occ.addCylinder(0, long, 0.5 * shim, 0, d, 0, 0.8 * bar))])
 
         self.add("", shaft, "shaft with a shoulder" if stepped else "shaft")
         if self.chance(0.5):
@@ -440,7 +452,8 @@ class _HeldOut(Maker):
             z = k * (t + gap)
 
             def plate(occ: Any, z: float = z) -> tuple[int, int]:
-                return cut(occ, cylinder(occ, 0, 0, z, z + t, 2 * a), self.holes(occ, sites, z - 1, z + t + 1, hole))
+                tools = self.holes(occ, sites, z - 1, z + t + 1, hole)
+                return cut(occ, cylinder(occ, 0, 0, z, z + t, 2 * a), tools)
 
             self.add("", plate, "plate")
             for x, y in sites if k + 1 < levels else ():
@@ -450,7 +463,7 @@ class _HeldOut(Maker):
             self.rod(x, y, 0.0, levels * t + (levels - 1) * gap, self.chance(0.3), washer)
 
     def mount(self) -> None:
-        """A foot with ribs and slots on a pad, flanged bolts with flanged nuts, or bolts with washers on them."""
+        """A foot with ribs and slots on a pad, bolts and nuts with flanges, or bolts with washers on them."""
         d, rng = self.d, self.rng
         x0, y0 = float(rng.uniform(4.0, 6.0)) * d, float(rng.uniform(2.0, 4.0)) * d
         sites = [(sx * x0, sy * y0) for sx in (-1, 1) for sy in ((-1, 1) if self.chance(0.6) else (0,))]
@@ -468,9 +481,12 @@ class _HeldOut(Maker):
         def foot(occ: Any) -> tuple[int, int]:
             body = [(3, occ.addBox(-a, -b, pad, 2 * a, 2 * b, t)),
                     (3, occ.addBox(-0.8 * d, -b, pad, 1.6 * d, 2 * b, t + 5 * d))]
-            body += [(3, occ.addBox(s * 0.35 * x0 - 0.2 * x0, -0.3 * d, pad, 0.4 * x0, 0.6 * d, t + 2 * d)) for s in (-1, 1)]
+            for s in (-1, 1):
+                x = s * 0.35 * x0 - 0.2 * x0
+                body.append((3, occ.addBox(x, -0.3 * d, pad, 0.4 * x0, 0.6 * d, t + 2 * d)))
             across = (3, occ.addCylinder(-d, 0, pad + t + 3.5 * d, 2 * d, 0, 0, 0.9 * d))
-            return cut(occ, fuse(occ, body), [across, *self.holes(occ, sites, pad - 1, pad + t + 1, foot_hole, slot)])
+            tools = self.holes(occ, sites, pad - 1, pad + t + 1, foot_hole, slot)
+            return cut(occ, fuse(occ, body), [across, *tools])
 
         self.add("", slab(-base, 0.0, hole, 0.0), "base")
         self.add("", foot, "foot")
