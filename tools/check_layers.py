@@ -103,6 +103,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "threads",
         "naming",
         "shapes",
+        "findings",
         "recognition",
         "fits",
         "meshing",

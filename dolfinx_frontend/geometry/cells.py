@@ -40,11 +40,14 @@ class Settings:
 
 SETTINGS = Settings()
 
+ROUND = 0.05
+"""Fraction of a piece by which an edge may be longer than its pieces: chords of an arc are shorter."""
+
 
 def fineness(accuracy: float) -> float:
     """Size of cells over thickness for a relative accuracy of forces in the joints."""
     least, most = SETTINGS.sizes
-    return min(most, max(least, (accuracy / SETTINGS.accuracy) ** (1.0 / SETTINGS.order)))
+    return min(most, max(least, math.pow(accuracy / SETTINGS.accuracy, 1.0 / SETTINGS.order)))
 
 
 def layer(thickness: float) -> float:
@@ -94,4 +97,4 @@ def _segments(curve: Array, size: float, per_turn: int) -> int:
         return 0
     cosines = np.einsum("ki,ki->k", chords[1:], chords[:-1]) / (lengths[1:] * lengths[:-1])
     turn = float(np.arccos(np.clip(cosines, -1.0, 1.0)).mean()) * len(lengths)
-    return max(1, math.ceil(max(lengths.sum() / size, per_turn * turn / (2.0 * math.pi)) - 0.05))
+    return max(1, math.ceil(max(float(lengths.sum()) / size, per_turn * turn / (2.0 * math.pi)) - ROUND))

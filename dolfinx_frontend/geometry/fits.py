@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from dolfinx_frontend.geometry.recognition import Finding, threads
+from dolfinx_frontend.geometry.findings import Finding, threads
 from dolfinx_frontend.geometry.touching import Touch
 
 __all__ = ["misfits"]

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dolfinx_frontend.common.describe import columns
-from dolfinx_frontend.geometry.recognition import Finding
+from dolfinx_frontend.geometry.findings import Finding
 from dolfinx_frontend.geometry.solids import Solid, Surface, vector
 from dolfinx_frontend.geometry.touching import Touch
 

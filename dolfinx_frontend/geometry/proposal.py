@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry.recognition import Finding, threads
+from dolfinx_frontend.geometry.findings import Finding, threads
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.threads import HEAD, JOINT, TIGHTENING, Span, preload
 from dolfinx_frontend.geometry.touching import Touch

@@ -16,12 +16,13 @@ from dolfinx_frontend.common.checks import check_known, checked_number, checked_
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.recorded import Journal, journaled
 from dolfinx_frontend.geometry.cells import fineness, forecast, layer, ring_width
+from dolfinx_frontend.geometry.findings import CLAMPING, FLAT, KINDS, Finding
 from dolfinx_frontend.geometry.fits import misfits
 from dolfinx_frontend.geometry.listing import finding_table, interface_table, part_table, surface_table
 from dolfinx_frontend.geometry.parts import FREE
 from dolfinx_frontend.geometry.places import PLACES
 from dolfinx_frontend.geometry.reading import Source
-from dolfinx_frontend.geometry.recognition import CLAMPING, FLAT, KINDS, Finding, forced, recognised
+from dolfinx_frontend.geometry.recognition import forced, recognised
 from dolfinx_frontend.geometry.renaming import (
     in_words,
     new_names,
@@ -258,8 +259,7 @@ class StepParts:
                 )
             if (part, face) in self._taken or face == FREE:
                 raise SceneError(f"face {name!r}: the name is in use on {part!r}; choose another one")
-            if near is not None:
-                fits = self._nearest(part, fits, self._place("face", near))
+            fits = fits if near is None else self._nearest(part, fits, self._place("face", near))
             old = self._named.get((part, face), ())
             self._named[part, face] = (*old, *(s.tag for s in fits))
             found.append(f"{part}:{face}")

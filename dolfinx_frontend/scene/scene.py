@@ -522,8 +522,8 @@ class Scene:
         sizes = [float(np.linalg.norm(v)) for v in (along, c - a, normal)]
         if len(a) != 3 or not sizes[2] > _LINE * sizes[0] * sizes[1]:
             raise SceneError(f"{where}: the points {short(points)} are on one line; give others")
-        along, normal = along / sizes[0], normal / sizes[2]
-        frame = np.array([along, np.cross(normal, along), normal]).tolist()
+        first, third = along / sizes[0], normal / sizes[2]
+        frame = [list(map(float, axis)) for axis in (first, np.cross(third, first), third)]
         for point, count in zip(points, (3, 2, 1), strict=True):
             held = tuple(range(3 - count, 3))
             self.fix_point(part, point, 0.0, held, f"{name} {count}", frame, nearest)
