@@ -39,9 +39,9 @@ def _name(path: Path, names: list[str]) -> None:
     """Give the products their names: gmsh numbers them in the order of the solids."""
     text = path.read_text(encoding="latin-1")
     pattern = re.compile(r"PRODUCT\('Open CASCADE STEP translator [\d.]+ \d+\.(\d+)',\s*'[^']*'")
-    if len(names) == 1:  # a single product has no number
-        pattern = re.compile(r"PRODUCT\('Open CASCADE STEP translator [\d.]+ (\d+)',\s*'[^']*'")
-    named = pattern.sub(lambda m: "PRODUCT('{0}','{0}'".format(names[int(m[1]) - 1]), text)
+    if len(names) == 1:  # a single product has no number, but the file has
+        pattern = re.compile(r"PRODUCT\('Open CASCADE STEP translator [\d.]+ \d+()',\s*'[^']*'")
+    named = pattern.sub(lambda m: "PRODUCT('{0}','{0}'".format(names[int(m[1] or 1) - 1]), text)
     # the same file every time
     named = re.sub(r"(FILE_NAME\('[^']*',)'[^']*'", r"\1'2004-07-24T00:00:00'", named)
     named = re.sub(r"(FILE_NAME\()'[^']*'", rf"\1'{path.name}'", named)

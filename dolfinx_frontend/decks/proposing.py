@@ -32,7 +32,7 @@ units = ["mm", "N"]    # OpenCASCADE converts to millimetres: stresses are MPa
 # times = [1, 2]
 # values = [0, 1]      # then: force = {{ amplitude = "load", value = [0, 0, 1000] }}
 """
-_PROPOSED = ("rename", "material", "size", "join", "leave")
+_PROPOSED = ("rename", "material", "size", "sizes", "join", "leave")
 
 
 def proposed(step: StepAssembly, folder: Path, deck: str) -> str:
@@ -55,10 +55,6 @@ def proposed(step: StepAssembly, folder: Path, deck: str) -> str:
             kind = "join" if each.name == "leave" else each.name
             body += ["", f"[[step.{each.name}]]", *_reason(made, kind, pattern),
                      *writer.keys(writer.arguments(each, OF_STEP[each.name]))]
-    for part, solid in made.solids.items():
-        if part not in made._sizes:
-            body += ["", "[[step.size]]", f"pattern = {quoted(part)}",
-                     f"size = {solid.thickness:.3g}    # of cells, mm"]
     comments = ["", *(f"# {row}".rstrip() for row in str(step).splitlines())]
     text = "\n".join([head, *writer.named(), *lines, *comments, *body, *_beside(made)])
     return text.replace("\n\n\n", "\n\n") + "\n"

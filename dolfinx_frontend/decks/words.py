@@ -95,7 +95,8 @@ def _calls(of: type) -> dict[str, Callable[..., Any]]:
     """Public methods whose calls are kept in a journal, in the order of the source."""
     return {
         name: each
-        for name, each in vars(of).items()
+        for base in reversed(of.__mro__)
+        for name, each in vars(base).items()
         if not name.startswith("_") and is_journaled(each)
     }
 

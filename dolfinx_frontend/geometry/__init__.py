@@ -20,7 +20,6 @@ from dolfinx_frontend.geometry.finer import remeshable, remeshable_model
 from dolfinx_frontend.geometry.gmsh import from_gmsh, read_msh
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.primitives import box
-from dolfinx_frontend.geometry.proposal import proposal as _proposal  # noqa: F401  it is a method
 from dolfinx_frontend.geometry.session import gmsh_session
 from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut, Solid, Surface

@@ -16,7 +16,8 @@ _WORDS: dict[str, tuple[str, ...]] = {
              "prigioniero", "threaded rod", "tige filetee", "barra roscada", "barra filettata"),
     "dowel": ("dowel", "zylinderstift", "passstift", "goupille", "pasador", "spina", "parallel pin"),
     "bolt": ("bolt", "screw", "schraube", "vis", "boulon", "tornillo", "perno", "vite", "bullone"),
-    "gasket": ("gasket", "seal", "dichtung", "joint", "junta", "guarnizione"),
+    "gasket": ("gasket", "seal", "rubber", "gummi[a-z]*", "caoutchouc", "goma", "gomma", "dichtung", "joint",
+               "junta", "guarnizione"),
     "sheet": ("shim", "sheet", "blech", "tole", "chapa", "lamiera"),
 }
 """Kind -> words, the special ones before those that they contain. They may end a longer word

@@ -20,7 +20,8 @@ from dolfinx_frontend.geometry.meshing import OPTIONS, generate
 from dolfinx_frontend.geometry.msh import checked_copy
 from dolfinx_frontend.geometry.session import gmsh_session
 from dolfinx_frontend.geometry.sizes import SizeField
-from dolfinx_frontend.geometry.solids import Cut, Loaded, Solid, load, nearest, solids_of
+from dolfinx_frontend.geometry.loading import load
+from dolfinx_frontend.geometry.solids import Cut, Loaded, Solid, nearest, solids_of
 from dolfinx_frontend.geometry.touching import Touch, close_faces, touching
 
 __all__ = ["TASKS", "Recipe", "Source", "Survey"]
@@ -176,7 +177,11 @@ def _load(gmsh: Any, say: Say, source: Source) -> Loaded:
     """The CAD model, read again: nothing of gmsh is kept between calls."""
     parts = source.cuts, source.imprint, source.tolerance, source.partial
     loaded = load(gmsh, source.path, source.name, *parts, say)
-    return replace(loaded, volumes={source.names.get(n, n): tags for n, tags in loaded.volumes.items()})
+    now = source.names
+    threads = {(now.get(a, a), now.get(b, b)): depth for (a, b), depth in loaded.threads.items()}
+    return replace(
+        loaded, volumes={now.get(n, n): tags for n, tags in loaded.volumes.items()}, threads=threads
+    )
 
 
 def _check_same(model: Any, loaded: Loaded, file: str, solids: Mapping[str, Solid]) -> None:

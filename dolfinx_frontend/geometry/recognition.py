@@ -13,138 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.geometry.findings import SETTINGS, Finding, Passage, Shank, Span
 from dolfinx_frontend.geometry.naming import named_kind, named_size
 from dolfinx_frontend.geometry.shapes import Body, Face, Station, Turned, turned
-from dolfinx_frontend.geometry.threads import Size, nearest_size
+from dolfinx_frontend.geometry.threads import SIZES, Size, nearest_size
 from dolfinx_frontend.geometry.touching import Touch
 
-__all__ = ["FASTENERS", "KINDS", "Finding", "Passage", "Shank", "forced", "recognised", "threads"]
-
-KINDS = ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet")
-FASTENERS = ("bolt", "stud", "nut", "washer", "dowel")
-
-_FITS = 1.01
-"""Hole over shank up to which they are a thread or a fit."""
-_LOOSE = 1.4
-"""Up to which the shank goes through the hole; the coarse series of ISO 273 has 1.2."""
-_TURNED = 0.85
-"""Fraction of a fastener's area that lies around its axis."""
-
-
-@dataclass(frozen=True)
-class Span:
-    """Least and greatest ratio of what a kind has; the tables of ISO, and some room."""
-
-    low: float
-    high: float
-
-    def __contains__(self, value: float) -> bool:
-        return self.low <= value <= self.high
-
-
-_HEAD, _HEIGHT, _SHANK = Span(1.3, 2.4), Span(0.25, 1.7), Span(0.6, 60.0)
-"""Width and height of a head, length of a shank, in diameters of the thread."""
-_ACROSS, _NUT, _RING_NUT = Span(1.35, 2.4), Span(0.3, 1.7), Span(0.4, 1.5)
-"""Width and height of a nut in diameters of its hole; a round one is told from a washer by its height."""
-_WASHER, _WASHER_HEIGHT = Span(1.25, 4.0), Span(0.0, 0.3)
-_THREADED = Span(0.77, 1.02)
-"""Diameters along a shank over the largest: the core of M3 is at 0.8. What is wider by as much is a head."""
-_THIN = 0.05
-"""Thickness of a sheet over its extent."""
-_GASKET = 0.4
-"""Thickness of a gasket over those of the parts beside."""
-_COVERED = 0.4
-"""Fraction of each side of a gasket on which another part lies."""
-
-
-@dataclass(frozen=True)
-class Shank:
-    """Of a bolt or stud, along its axis.
-
-    Attributes
-    ----------
-    d
-        Diameter.
-    low, high
-        Where it begins and ends; at a head it begins under it.
-    heads
-        Ends (-1: the lower one, 1) at which there is a head.
-    width, height
-        Of the head, across flats or its diameter; 0: none.
-    drive
-        Outer hexagon or a recess, in words; empty: neither.
-    """
-
-    d: float
-    low: float
-    high: float
-    heads: tuple[int, ...] = ()
-    width: float = 0.0
-    height: float = 0.0
-    drive: str = ""
-
-
-@dataclass(frozen=True)
-class Passage:
-    """A hole of another part that a shank goes through.
-
-    Attributes
-    ----------
-    part
-        The other part.
-    tags
-        Numbers of the faces of the hole.
-    ratio
-        Diameter of the hole over that of the shank.
-    low, high
-        Where, along the axis of the shank.
-    """
-
-    part: str
-    tags: frozenset[int]
-    ratio: float
-    low: float
-    high: float
-
-    @property
-    def fits(self) -> bool:
-        """Whether they touch all around: a thread or a fit."""
-        return self.ratio <= _FITS
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What a part is taken for.
-
-    Attributes
-    ----------
-    kind
-        One of `KINDS`; empty: an ordinary part.
-    size
-        Of its thread, or of the one that it belongs to; None: not known.
-    reasons
-        Why, in words.
-    missing
-        What it lacks, if it looks like a fastener but for one thing.
-    shank, axis, origin, passages
-        Of bolts, studs and dowels.
-    """
-
-    part: str
-    kind: str = ""
-    size: Size | None = None
-    reasons: tuple[str, ...] = ()
-    missing: str = ""
-    shank: Shank | None = None
-    axis: Array = field(default_factory=lambda: np.zeros(3), repr=False)
-    origin: Array = field(default_factory=lambda: np.zeros(3), repr=False)
-    passages: tuple[Passage, ...] = ()
-
-    @property
-    def title(self) -> str:
-        """``"bolt M12"``."""
-        return " ".join(filter(None, (self.kind, self.size.name if self.size else "")))
+__all__ = ["forced", "recognised"]
 
 
 @dataclass(frozen=True)
@@ -163,11 +38,9 @@ class _View:
 
 def recognised(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> dict[str, Finding]:
     """What each part is taken for."""
-    views = {name: _seen(body) for name, body in bodies.items()}
-    holes = [(name, f) for name, b in bodies.items() for f in b.faces if f.kind == "cylinder"
-             and f.first.hollow]
-    passing = {n: _passages(v, holes) for n, v in views.items() if v.shank is not None}
-    views = {n: replace(v, passages=passing.get(n, ()), around=views) for n, v in views.items()}
+    views = _views(bodies, bodies)
+    passing = {n: v.passages for n, v in views.items() if v.shank is not None}
+    views = {n: replace(v, around=views) for n, v in views.items()}
     inside: dict[str, list[tuple[_View, float]]] = {}
     for name, found in passing.items():
         for each in found:
@@ -189,31 +62,24 @@ def recognised(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> dict[str
     return out
 
 
-def forced(body: Body, kind: str, size: Size | None) -> Finding:
+def forced(bodies: Mapping[str, Body], name: str, kind: str, size: Size | None) -> Finding:
     """A part that is of a kind because a user says so."""
-    view = _seen(body)
-    base = _of_shank(view, kind) if view.shank is not None else Finding(body.name, kind)
+    view = _views(bodies, (name,))[name]
+    around = {p.part: _seen(bodies[p.part]) for p in view.passages}
+    base = _of_shank(replace(view, around=around), kind) if view.shank is not None else Finding(name, kind)
     return replace(base, size=size or base.size, reasons=("said so",))
 
 
-def threads(found: Finding) -> dict[int, list[Passage]]:
-    """End of a shank without a head (-1: the lower one, 1) -> holes of the part that holds it there.
-
-    Other holes that it fits are fits.
-    """
-    out: dict[int, list[Passage]] = {-1: [], 1: []}
-    fits = [p for p in found.passages if p.fits]
-    if found.shank is None or not fits:
-        return out
-    for end in {-1, 1} - set(found.shank.heads):
-        last = max(fits, key=lambda p: end * (p.low + p.high))
-        out[end] = [p for p in fits if p.part == last.part]
-    return out
+def _views(bodies: Mapping[str, Body], names: Iterable[str]) -> dict[str, _View]:
+    """Parts with the holes that their shanks go through."""
+    holes = [(n, f) for n, b in bodies.items() for f in b.faces if f.kind == "cylinder" and f.first.hollow]
+    views = ((n, _seen(bodies[n])) for n in names)
+    return {n: v if v.shank is None else replace(v, passages=_passages(v, holes)) for n, v in views}
 
 
 def _seen(body: Body) -> _View:
     seen = turned(body)
-    shank = None if seen is None or seen.share < _TURNED else _shank(seen)
+    shank = None if seen is None or seen.share < SETTINGS.share else _shank(seen)
     return _View(body, seen, shank, named_kind(body.label))
 
 
@@ -229,19 +95,19 @@ def _shank(seen: Turned) -> Shank | None:
 
 def _as_shank(seen: Turned, d: float) -> Shank | None:
     """Seen as a shank of this diameter with heads at its ends; None: it is not."""
-    wide = [s for s in seen.outside if s.hexagon or s.width > d / _THREADED.low]
+    wide = [s for s in seen.outside if s.hexagon or s.width > d / SETTINGS.thread.low]
     rest = [s for s in seen.outside if s not in wide]
-    if any(s.width > _THREADED.high * d for s in rest):
+    if any(s.width > SETTINGS.thread.high * d for s in rest):
         return None
-    if sum(s.length for s in rest if s.width >= _THREADED.low * d or s.cone) < 0.8 * sum(s.length
-                                                                                         for s in rest):
+    like = [s.length for s in rest if s.width >= SETTINGS.thread.low * d or s.cone]
+    if sum(like) < SETTINGS.plain * sum(s.length for s in rest):
         return None
-    clusters = _clusters(wide, 0.1 * d)
+    end = SETTINGS.end * d
+    clusters = _clusters(wide, end)
     if len(clusters) > 2:
         return None
-    below = next((c for c in clusters if c[0].low <= seen.low + 0.1 * d), None)
-    above = next((c for c in clusters if max(s.high for s in c) >= seen.high - 0.1 * d and c is not below),
-                 None)
+    below = next((c for c in clusters if c[0].low <= seen.low + end), None)
+    above = next((c for c in clusters if max(s.high for s in c) >= seen.high - end and c is not below), None)
     inner = [c for c in clusters if c is not below and c is not above]
     if clusters and below is None and above is None:
         return None
@@ -277,9 +143,27 @@ def _clusters(stations: Iterable[Station], slack: float) -> list[list[Station]]:
 
 def _recess(seen: Turned, low: float, high: float, d: float) -> str:
     """A socket at the end of a part."""
-    found = [s for s in seen.inside if s.low >= low - 0.1 * d and s.high <= high + 0.8 * d]
-    ends = [s for s in found if min(s.low - seen.low, seen.high - s.high) < 0.05 * d]
+    end, deep = SETTINGS.end * d, SETTINGS.recess * d
+    found = [s for s in seen.inside if s.low >= low - end and s.high <= high + deep]
+    ends = [s for s in found if min(s.low - seen.low, seen.high - s.high) < 0.5 * end]
     return "hexagon socket" if any(s.hexagon for s in ends) else "recess" if ends else ""
+
+
+def _of_head(shank: Shank) -> Size | None:
+    """The thread by shank and head: a hexagon, or a cap with a socket, as high as the thread is wide."""
+    if not shank.heads or shank.drive not in ("hexagon", "hexagon socket"):
+        return None
+    size = nearest_size(shank.d, shank.width, shank.drive != "hexagon")
+    cap = size is None or shank.drive == "hexagon" or abs(shank.height / size.d - 1.0) < SETTINGS.off
+    return size if cap else None
+
+
+def _nominal(shank: Shank) -> float:
+    """Nominal diameter, also of a shank that is drawn at its pitch or core diameter."""
+    size = _of_head(shank)
+    if size is None or not size.core_diameter / SETTINGS.fit < shank.d < SETTINGS.fit * size.pitch_diameter:
+        return shank.d
+    return size.d
 
 
 def _passages(view: _View, holes: Iterable[tuple[str, Face]]) -> tuple[Passage, ...]:
@@ -287,23 +171,24 @@ def _passages(view: _View, holes: Iterable[tuple[str, Face]]) -> tuple[Passage, 
     seen, shank = view.turned, view.shank
     assert seen is not None and shank is not None
     r, out = 0.5 * shank.d, list[Passage]()
+    nominal = 0.5 * _nominal(shank)
     for part, face in holes:
         first = face.first
         radius = first.radius or 0.0
-        if part == view.body.name or not 0.97 * r <= radius <= _LOOSE * r:
+        if part == view.body.name or not SETTINGS.thread.low * r <= radius <= SETTINGS.loose * r:
             continue
-        if float(np.linalg.norm(np.cross(first.axis, seen.axis))) > 1e-3:
+        if float(np.linalg.norm(np.cross(first.axis, seen.axis))) > SETTINGS.skew:
             continue
         offset = first.origin - seen.origin
         apart = float(np.linalg.norm(offset - (offset @ seen.axis) * seen.axis))
         along = (face.rim - seen.origin) @ seen.axis
         low, high = max(float(along.min()), shank.low), min(float(along.max()), shank.high)
         whole = face.area > 0.9 * 2.0 * math.pi * radius * float(np.ptp(along))
-        near = radius - r + 0.05 * r if whole else 5.0 * r
-        if apart <= near and high - low > 0.02 * shank.d:
-            slot = whole or apart <= radius - r + 0.05 * r
-            ratio = radius / r if slot else max(radius / r, _FITS + 0.01)
-            out.append(Passage(part, face.tags, ratio, low, high))
+        aside = max(radius - r, 0.0) + SETTINGS.aside * r
+        if apart <= (aside if whole else SETTINGS.slot * r) and high - low > SETTINGS.engaged * shank.d:
+            centred = whole or apart <= aside
+            ratio = radius / nominal if centred else max(radius / nominal, 1.01 * SETTINGS.fit)
+            out.append(Passage(part, face.tags, ratio, 2.0 * radius, low, high))
     return tuple(sorted(out, key=lambda p: p.low))
 
 
@@ -321,10 +206,9 @@ def _judged(view: _View, kind: str, tests: Iterable[tuple[bool, str]], found: Fi
 def _of_shank(view: _View, kind: str) -> Finding:
     seen, shank = view.turned, view.shank
     assert seen is not None and shank is not None
-    rings = [_ring(view.around[p.part]) for p in view.passages if p.fits] if shank.drive != "hexagon" else []
+    rings = [_ring(view.around[p.part]) for p in view.passages if p.fits]
     nuts = [ring[1] for ring in rings if ring is not None and ring[3]]
-    across = shank.width if shank.drive == "hexagon" else min(nuts) if nuts else None
-    size = _sized(view, shank.d, across)
+    size = _sized(view, shank.d, min(nuts, default=None), _of_head(shank))
     reasons = [f"shank of {shank.d:.4g} mm, {shank.high - shank.low:.4g} mm long"]
     if shank.heads:
         head = f"{shank.drive or 'round'} head of {shank.width:.4g} x {shank.height:.4g} mm"
@@ -333,12 +217,12 @@ def _of_shank(view: _View, kind: str) -> Finding:
                    view.passages)
 
 
-def _sized(view: _View, d: float, across: float | None) -> Size | None:
-    """The thread: that of the name, where the diameter is near it."""
+def _sized(view: _View, d: float, across: float | None, head: Size | None = None) -> Size | None:
+    """The thread: that of the name, where the diameter is near it, or of the head, or by the nut."""
     named = named_size(view.body.label)
-    if named is not None and abs(d / named.d - 1.0) < 0.2:
+    if named is not None and d / named.d in SETTINGS.named:
         return named
-    return nearest_size(d, across) or nearest_size(d)
+    return head or nearest_size(d, across) or nearest_size(d)
 
 
 def _clamped(view: _View) -> tuple[list[Passage], list[Passage]]:
@@ -359,13 +243,13 @@ def _bolt(view: _View) -> Finding:
     shank = view.shank
     if shank is None or not shank.heads:
         return Finding(view.body.name)
-    d = shank.d
+    d, long = shank.d, (shank.high - shank.low) / shank.d
     loose, held = _clamped(view)
     grip = bool(shank.drive or held or len(shank.heads) == 2 and loose or view.named in ("bolt", "stud"))
     tests = (
-        (shank.width / d in _HEAD, f"its head is {shank.width / d:.2f} diameters wide"),
-        (shank.height / d in _HEIGHT, f"its head is {shank.height / d:.2f} diameters high"),
-        ((shank.high - shank.low) / d in _SHANK, f"it is {(shank.high - shank.low) / d:.2f} diameters long"),
+        (shank.width / d in SETTINGS.head, f"its head is {shank.width / d:.2f} diameters wide"),
+        (shank.height / d in SETTINGS.head_height, f"its head is {shank.height / d:.2f} diameters high"),
+        (long in SETTINGS.shank, f"it is {long:.2f} diameters long"),
         (grip, "its head has no hexagon and no socket, and no nut or thread holds its shank"),
     )
     found = _of_shank(view, "bolt")
@@ -385,7 +269,7 @@ def _stud(view: _View) -> Finding:
     nuts = [p.part for p in view.passages if p.fits and _like_nut(view.around[p.part])]
     enough = bool(nuts and loose) or len(set(nuts)) >= 2 or view.named in ("stud", "bolt")
     tests = (
-        ((shank.high - shank.low) / shank.d in Span(1.5, _SHANK.high), "is too short"),
+        ((shank.high - shank.low) / shank.d in Span(SETTINGS.stud, SETTINGS.shank.high), "is too short"),
         (enough, "no nut is on it"),
     )
     found = _of_shank(view, "stud")
@@ -398,13 +282,13 @@ def _stud(view: _View) -> Finding:
 def _ring(view: _View) -> tuple[float, float, float, bool] | None:
     """Of a part with a hole through it: its diameter, width, height, and whether there is a hexagon."""
     seen = view.turned
-    if seen is None or seen.share < _TURNED or seen.hole is None:
+    if seen is None or seen.share < SETTINGS.share or seen.hole is None:
         return None
     outside = [s for s in seen.outside if s.hexagon] or [s for s in seen.outside if not s.cone]
     if not outside:
         return None
     widest = max(outside, key=lambda s: s.width)
-    hexagon = widest.hexagon and widest.length > 0.4 * seen.length
+    hexagon = widest.hexagon and widest.length > SETTINGS.hexagon * seen.length
     return seen.hole.width, widest.width, seen.length, hexagon
 
 
@@ -414,7 +298,7 @@ def _like_nut(view: _View) -> bool:
     if ring is None:
         return False
     d, width, height, hexagon = ring
-    return width / d in _ACROSS and height / d in (_NUT if hexagon else _RING_NUT)
+    return width / d in SETTINGS.across and height / d in (SETTINGS.nut if hexagon else SETTINGS.ring_nut)
 
 
 def _nut(view: _View) -> Finding:
@@ -423,11 +307,11 @@ def _nut(view: _View) -> Finding:
     if ring is None:
         return Finding(view.body.name)
     d, width, height, hexagon = ring
-    clamps = any(ratio <= _FITS and any(not p.fits for p in v.passages) for v, ratio in view.through)
-    fits = all(ratio <= _FITS for _, ratio in view.through)
-    heights = _NUT if hexagon else _RING_NUT
+    clamps = any(ratio <= SETTINGS.fit and any(not p.fits for p in v.passages) for v, ratio in view.through)
+    fits = all(ratio <= SETTINGS.fit for _, ratio in view.through)
+    heights = SETTINGS.nut if hexagon else SETTINGS.ring_nut
     tests = (
-        (width / d in _ACROSS, f"is {width / d:.2f} diameters of its hole wide"),
+        (width / d in SETTINGS.across, f"is {width / d:.2f} diameters of its hole wide"),
         (height / d in heights, f"is {height / d:.2f} diameters of its hole high"),
         (fits, "its hole is wider than the shank in it"),
         (hexagon or clamps or view.named == "nut", "is round, and on no thread"),
@@ -435,7 +319,7 @@ def _nut(view: _View) -> Finding:
     shank = min((v.shank.d for v, _ in view.through if v.shank is not None), default=0.0)
     size = _sized(view, shank or d, width if hexagon else None)
     words = f"{'hexagon' if hexagon else 'ring'} of {width:.4g} x {height:.4g} mm, hole of {d:.4g} mm"
-    reasons = [words, *(f"on {v.body.name!r}" for v, ratio in view.through if ratio <= _FITS)]
+    reasons = [words, *(f"on {v.body.name!r}" for v, ratio in view.through if ratio <= SETTINGS.fit)]
     judged = _judged(view, "nut", tests, Finding(view.body.name, "nut", size, tuple(reasons)))
     return judged if judged.kind or hexagon else Finding(view.body.name)
 
@@ -446,11 +330,11 @@ def _washer(view: _View) -> Finding:
     if ring is None or ring[3]:
         return Finding(view.body.name)
     d, width, height, _ = ring
-    shanks = [v for v, ratio in view.through if v.shank is not None and ratio < _LOOSE]
+    shanks = [v for v, ratio in view.through if v.shank is not None and ratio < SETTINGS.loose]
     size = _of_shank(shanks[0], "bolt").size if shanks else _washer_size(d, width, height)
     tests = (
-        (width / d in _WASHER, f"is {width / d:.2f} diameters of its hole wide"),
-        (height / d in _WASHER_HEIGHT, f"is {height / d:.2f} diameters of its hole high"),
+        (width / d in SETTINGS.washer, f"is {width / d:.2f} diameters of its hole wide"),
+        (height / d <= SETTINGS.washer_height, f"is {height / d:.2f} diameters of its hole high"),
         (bool(shanks) or size is not None or view.named == "washer", "no bolt goes through it"),
     )
     if not shanks and size is None and named_size(view.body.label) is not None:
@@ -463,11 +347,11 @@ def _washer(view: _View) -> Finding:
 
 def _washer_size(d: float, width: float, height: float) -> Size | None:
     """The size of ISO 7089 that these are near to."""
-    size = nearest_size(d / 1.06)
-    if size is None:
-        return None
-    off = [abs(a / b - 1.0) for a, b in zip((d, width, height), size.washer, strict=True)]
-    return size if max(off) < 0.08 else None
+    def off(size: Size) -> float:
+        return max(abs(a / b - 1.0) for a, b in zip((d, width, height), size.washer, strict=True))
+
+    size = min(SIZES.values(), key=off)
+    return size if off(size) < SETTINGS.off else None
 
 
 def _dowel(view: _View) -> Finding:
@@ -478,10 +362,10 @@ def _dowel(view: _View) -> Finding:
     held = [p for p in view.passages if p.fits]
     length = shank.high - shank.low
     parts = {p.part for p in held}
-    inside = sum(p.high - p.low for p in held) > 0.7 * length
+    inside = sum(p.high - p.low for p in held) > SETTINGS.dowel_held * length
     named = view.named == "dowel" and bool(parts)
     tests = (
-        (length / shank.d in Span(0.7, 12.0), f"is {length / shank.d:.2f} diameters long"),
+        (length / shank.d in SETTINGS.dowel, f"is {length / shank.d:.2f} diameters long"),
         (named or len(parts) >= 2, "no two parts have holes that it fits"),
         (named or inside, "most of it is in no hole"),
     )
@@ -507,12 +391,13 @@ def _flat(body: Body) -> _Flat | None:
         return None
     a, b = planes
     thickness = abs(float((b.centre - a.centre) @ a.first.normal))
-    opposed = float(a.first.normal @ b.first.normal) < -0.999
-    prism = abs(body.volume / (0.5 * (a.area + b.area) * thickness) - 1.0) < 0.1 if thickness > 0.0 else False
-    if not opposed or not prism or thickness > _THIN * body.size:
+    opposed = float(a.first.normal @ b.first.normal) < SETTINGS.skew - 1.0
+    full = 0.5 * (a.area + b.area) * thickness
+    prism = full > 0.0 and abs(body.volume / full - 1.0) < SETTINGS.prism
+    if not opposed or not prism or thickness > SETTINGS.thin * body.size:
         return None
     holes = [f for f in body.faces if f.kind == "cylinder" and f.first.hollow
-             and abs(float(f.first.axis @ a.first.normal)) > 0.999]
+             and abs(float(f.first.axis @ a.first.normal)) > 1.0 - SETTINGS.skew]
     return _Flat((a, b), thickness, len(holes))
 
 
@@ -549,8 +434,8 @@ def _gasket(view: _View, sides: Sides) -> Finding:
         thinnest = min([thinnest, *(each[2] for each in on)])
         beside |= {each[1] for each in on}
     tests = (
-        (named or min(covered) > _COVERED, "has no part on both of its sides"),
-        (named or flat.thickness < _GASKET * thinnest, "the parts beside are hardly thicker"),
+        (named or min(covered) > SETTINGS.covered, "has no part on both of its sides"),
+        (named or flat.thickness < SETTINGS.gasket * thinnest, "the parts beside are hardly thicker"),
     )
     words = f"{flat.thickness:.4g} mm thick, with {flat.holes} holes"
     found = Finding(view.body.name, "gasket", None, (words, f"between {_named(sorted(beside))}"))

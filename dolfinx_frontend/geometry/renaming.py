@@ -9,7 +9,7 @@ from dataclasses import replace
 from dolfinx_frontend.common.checks import check_known, checked_name
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry.recognition import Finding
+from dolfinx_frontend.geometry.findings import Finding
 from dolfinx_frontend.geometry.shapes import Body
 from dolfinx_frontend.geometry.solids import Solid
 from dolfinx_frontend.geometry.touching import Touch

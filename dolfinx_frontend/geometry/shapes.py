@@ -84,7 +84,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Station:
-    """A prism around an axis: a cylinder, a cone or a hexagon.
+    """A piece around an axis: a cylinder, a cone (or what else tapers: a sphere, a fillet) or a hexagon.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Station:
     low, high
         Where it begins and ends along the axis.
     hollow, hexagon, cone
-        Whether it is a hole, has six flats, is a cone.
+        Whether it is a hole, has six flats, tapers.
     faces
         What it is made of.
     """
@@ -260,9 +260,10 @@ def _around(body: Body, origin: Array, axis: Array, slack: float) -> Turned:
     sides = []
     for face in body.faces:
         first = face.first
-        if first.kind in ("cylinder", "cone") and _on_axis(first, origin, axis, slack):
+        tapers = first.kind in ("torus", "sphere") and len(face.rim) and _centred(face, origin, axis, slack)
+        if first.kind in ("cylinder", "cone") and _on_axis(first, origin, axis, slack) or tapers:
             t = (face.rim - origin) @ axis
-            cone = first.kind == "cone"
+            cone = first.kind != "cylinder"
             across = face.rim - origin - t[:, None] * axis
             width = 2.0 * float(np.linalg.norm(across, axis=1).max() if cone else first.radius or 0.0)
             stations.append(
@@ -273,8 +274,6 @@ def _around(body: Body, origin: Array, axis: Array, slack: float) -> Turned:
             share += face.area
         elif first.kind == "plane" and abs(float(first.normal @ axis)) < _PARALLEL:
             sides.append(face)
-        elif first.kind in ("torus", "sphere") and _centred(face, origin, axis, slack):
-            share += face.area
     hexagons = _hexagons(sides, origin, axis)
     stations += hexagons
     share += sum(f.area for s in hexagons for f in s.faces)
@@ -300,7 +299,7 @@ def _hexagons(sides: Sequence[Face], origin: Array, axis: Array) -> list[Station
             if abs(reach[k] - reach[one]) < 0.01 * abs(reach[one])
             and min(ends[k][1], ends[one][1]) - max(ends[k][0], ends[one][0]) > 0.0
         ]
-        rest = [k for k in rest if k not in alike]
+        rest = [k for k in rest if k != one and k not in alike]  # a plane through the axis is like none
         turns = {round(_angle(sides[k].first.normal, sides[one].first.normal, axis) / 60.0, 2) % 6.0
                  for k in alike}
         if turns == {0.0, 1.0, 2.0, 3.0, 4.0, 5.0}:

@@ -58,6 +58,11 @@ class Size(NamedTuple):
         return self.d - 1.2269 * self.pitch
 
     @property
+    def drawn(self) -> tuple[float, float, float]:
+        """Diameters that it is drawn with."""
+        return self.d, self.pitch_diameter, self.core_diameter
+
+    @property
     def stressed_diameter(self) -> float:
         """Of the stress area, (d2 + d3) / 2."""
         return 0.5 * (self.pitch_diameter + self.core_diameter)
@@ -155,26 +160,29 @@ def size_of(name: str, where: str = "") -> Size:
     return found
 
 
-def nearest_size(d: float, across: float | None = None) -> Size | None:
+def nearest_size(d: float, width: float | None = None, socket: bool = False) -> Size | None:
     """The thread that is nearest, mm; None: none is near.
 
     Parameters
     ----------
     d
         Diameter of a shank or of the hole of a nut.
-    across
-        Width across flats of a head or nut. With it `d` may also be the pitch or core diameter, as threads
-        are often drawn.
+    width
+        Across flats of a head or nut. With it `d` may also be the pitch or core diameter, as threads are
+        often drawn.
+    socket
+        The width is the diameter of a socket head.
     """
     def off(size: Size) -> float:
         rare = 2.0 if size.name in _SECOND else 1.0
-        if across is None:
+        if width is None:
             return rare * abs(math.log(d / size.d))
         inner = min(abs(math.log(d / each)) for each in (size.pitch_diameter, size.core_diameter))
-        return rare * (abs(math.log(across / size.across)) + min(abs(math.log(d / size.d)), inner + _INNER))
+        head = abs(math.log(width / (size.socket if socket else size.across)))
+        return rare * (head + min(abs(math.log(d / size.d)), inner + _INNER))
 
     near = min(SIZES.values(), key=off)
-    return near if off(near) <= _OFF * (1 if across is None else 2) else None
+    return near if off(near) <= _OFF * (1 if width is None else 2) else None
 
 
 def preload(size: Size, grade: str = "8.8", method: str = "torque", friction: float = HEAD.mean) -> Span:

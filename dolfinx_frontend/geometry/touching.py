@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -17,7 +18,6 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.common.vectors import unit
 from dolfinx_frontend.geometry.solids import (
-    ROUNDING,
     Loaded,
     Solid,
     Surface,
@@ -30,7 +30,7 @@ from dolfinx_frontend.geometry.solids import (
 
 __all__ = ["Kind", "Touch", "close_faces", "touching"]
 
-Kind = Literal["touching", "near", "cut"]
+Kind = Literal["touching", "near", "cut", "thread"]
 
 _OPPOSED = -0.5
 """Two faces face each other where the product of their outward normals is below this."""
@@ -56,13 +56,14 @@ class Touch:
     parts
         The two parts; the normal points out of the first.
     kind
-        ``"touching"``, ``"near"``, or ``"cut"`` for the two halves of a solid.
+        ``"touching"``, ``"near"``, ``"cut"`` for the two halves of a solid, ``"thread"`` for a screw that is
+        drawn into the wall of its hole.
     surfaces
         Numbers of the faces of each.
     area
         Area on which they face each other.
     gap, widest
-        Mean and largest distance there, length.
+        Mean and largest distance there, length; a thread is drawn into its hole by -gap.
     normal
         Mean unit normal; zero if the face closes on itself.
     shape
@@ -100,10 +101,16 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
         if len(both) == 2:
             shared.setdefault((both[0].part, both[1].part), []).append(both[0])
     for (a, b), surfaces in shared.items():
-        kind: Kind = "cut" if (a, b) in loaded.halves else "touching"
+        depth = max(loaded.threads.get(pair, 0.0) for pair in ((a, b), (b, a)))
+        if depth:  # where the widened hole ends there is a step, on which nothing rests
+            rods = [s for s in surfaces if s.kind == "cylinder"]
+            surfaces = [s for s in surfaces if s in rods or not any(_inside(s, rod) for rod in rods)]
         for group in _groups(model, surfaces):
             _refuse_strip(a, b, group)
-            pairs.setdefault((a, b), []).append(_shared_touch(model, loaded, a, b, kind, group))
+            kind: Kind = "cut" if (a, b) in loaded.halves else "touching"
+            if depth and group[0].kind == "cylinder":
+                kind = "thread"
+            pairs.setdefault((a, b), []).append(_shared_touch(a, b, kind, group, depth))
     for touch in _near(gmsh, loaded, solids, where, gap):
         key = touch.parts if touch.parts in pairs else touch.parts[::-1]
         pairs.setdefault(key, []).append(touch)
@@ -120,6 +127,13 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
             out.append(Touch(**{**vars(touch), "name": name}))
     place = {name: i for i, name in enumerate(names)}
     return sorted(out, key=lambda t: (place[t.parts[0]], place[t.parts[1]], t.name))
+
+
+def _inside(surface: Surface, rod: Surface) -> bool:
+    """Whether a face ends within a cylinder."""
+    offset = surface.rim - rod.origin
+    across = np.linalg.norm(offset - np.outer(offset @ rod.axis, rod.axis), axis=1)
+    return bool(across.max() < (rod.radius or 0.0) * (1.0 + _PARALLEL))
 
 
 def _continue(model: Any, a: Surface, b: Surface, edges: Mapping[int, set[int]]) -> bool:
@@ -158,15 +172,14 @@ def _refuse_strip(a: str, b: str, group: Sequence[Surface]) -> None:
         )
 
 
-def _shared_touch(
-    model: Any, loaded: Loaded, a: str, b: str, kind: Kind, group: Sequence[Surface]
-) -> Touch:
+def _shared_touch(a: str, b: str, kind: Kind, group: Sequence[Surface], depth: float) -> Touch:
     area = sum(s.area for s in group)
     mean = np.asarray(sum(s.area * s.normal for s in group)) / area
     length = float(np.linalg.norm(mean))
     normal = unit(mean) if length > 0.1 else np.zeros(3)
     tags = tuple(s.tag for s in group)
-    return Touch(f"{a}|{b}", (a, b), kind, (tags, tags), area, 0.0, 0.0, normal, group[0].shape)
+    gap = -depth if kind == "thread" else 0.0
+    return Touch(f"{a}|{b}", (a, b), kind, (tags, tags), area, gap, 0.0, normal, group[0].shape)
 
 
 @dataclass(frozen=True)
@@ -184,6 +197,8 @@ def close_faces(
 ) -> list[Touch]:
     """Plane faces within a gap that are in no touch, where one covers half of the other."""
     taken = {tag for touch in touches for side in touch.surfaces for tag in side}
+    tags = [f.tag for s in solids.values() for f in s.surfaces]
+    taken |= {tag for tag, count in Counter(tags).items() if count > 1}  # shared: they touch, open or not
     plane = {
         name: replace(s, surfaces=tuple(f for f in s.surfaces if f.kind == "plane" and f.tag not in taken))
         for name, s in solids.items()
@@ -214,11 +229,8 @@ def _near(
         for k, m in near_pairs(boxes, gap) if own and other else ():
             if k < len(own) <= m:
                 first, second = own[k], other[m - len(own)]
-                if not _may_face(first, second, gap):
-                    continue
-                if model.occ.getDistance(2, first.tag, 2, second.tag)[0] > gap + ROUNDING * first.area**0.5:
-                    continue
-                candidates.setdefault((a.name, b.name), []).append((first, second))
+                if _may_face(first, second, gap):
+                    candidates.setdefault((a.name, b.name), []).append((first, second))
     if not candidates:
         return []
     tags = sorted({s.tag for pairs in candidates.values() for pair in pairs for s in pair})
@@ -386,6 +398,7 @@ def _facing(
     offset = x2 - x1
     distance = np.einsum("ki,ki->k", offset, n1)
     good = (np.einsum("ki,ki->k", n1, n2) < _OPPOSED) & (np.linalg.norm(offset, axis=1) <= gap)
+    good &= np.linalg.norm(x2 - c2[j[keep]], axis=1) <= 1.5 * r2[j[keep]] + gap  # not across a cylinder
     if size[good].sum() <= _SLIVER * min(first.area, second.area):
         return None
     weights = size[good]
@@ -399,7 +412,22 @@ def _facing(
 
 
 def _on(model: Any, loaded: Loaded, surface: Surface, x: Array) -> tuple[Array, Array]:
-    """Closest points (k, 3) of a face and the normals out of its part there."""
+    """Closest points (k, 3) of the surface of a face and the normals out of its part there."""
+    if surface.kind == "plane":
+        return x - np.outer((x - surface.centre) @ surface.normal, surface.normal), surface.normal + 0.0 * x
+    if surface.kind in ("cylinder", "cone"):
+        along = (x - surface.origin) @ surface.axis
+        foot = surface.origin + np.outer(along, surface.axis)
+        out = (x - foot) / np.maximum(np.linalg.norm(x - foot, axis=1), np.finfo(np.float64).tiny)[:, None]
+        closest = foot + (surface.radius or 0.0) * out
+        if surface.kind == "cone":  # the origin is its apex, and its rim says how wide it opens
+            t = (surface.rim - surface.origin) @ surface.axis
+            across = np.linalg.norm(surface.rim - surface.origin - np.outer(t, surface.axis), axis=1)
+            ray = unit(np.array([t.sum(), across.sum()]))
+            edge = ray[0] * surface.axis + ray[1] * out
+            closest = surface.origin + np.einsum("ki,ki->k", x - surface.origin, edge)[:, None] * edge
+            out = abs(ray[0]) * out - np.sign(ray[0]) * ray[1] * surface.axis
+        return closest, -out if surface.hollow else out
     closest, _ = model.getClosestPoint(2, surface.tag, x.ravel().tolist())
     # the parameters that come with the points are zero in gmsh 4.13
     at = model.getParametrization(2, surface.tag, closest)

@@ -72,6 +72,9 @@ from dolfinx_frontend.scene.values import Value, is_random_field, is_uncertain
 
 __all__ = ["Scene"]
 
+_LINE = 1e-6
+"""Sine of the angle of three points that are on one line."""
+
 
 def _doubt(where: str, law: Law) -> None:
     """Warn of values that are probably not meant."""
@@ -493,6 +496,37 @@ class Scene:
             return
         law = Displacement(value, components, frame)  # type: ignore[arg-type]  # one axis or several
         self._remote(name or f"point({part}: {shown})", (Face(part, f"({shown})"),), law, remote)
+
+    @journaled
+    def fix_321(
+        self, part: str, points: Sequence[Sequence[float]], name: str = "support", nearest: bool = False
+    ) -> None:
+        """Hold a part at three points so that nothing else is held: 3-2-1.
+
+        The first point is held in all directions, the second one across the line to it, the third one across
+        the plane of the three: rigid motions are gone, and the part expands and warps freely. The interfaces
+        are ``"<name> 3"``, ``"<name> 2"`` and ``"<name> 1"``.
+
+        Parameters
+        ----------
+        points
+            Three of three coordinates, not on one line.
+        nearest
+            As of :meth:`fix_point`.
+        """
+        where = f"fix_321 of {part!r}"
+        if not isinstance(points, (list, tuple)) or len(points) != 3:
+            raise SceneError(f"{where}: points = {short(points)}; give three points")
+        a, b, c = (np.asarray(plain_vector(where, "point", p), dtype=np.float64) for p in points)
+        along, normal = b - a, np.cross(b - a, c - a)
+        sizes = [float(np.linalg.norm(v)) for v in (along, c - a, normal)]
+        if len(a) != 3 or not sizes[2] > _LINE * sizes[0] * sizes[1]:
+            raise SceneError(f"{where}: the points {short(points)} are on one line; give others")
+        first, third = along / sizes[0], normal / sizes[2]
+        frame = [list(map(float, axis)) for axis in (first, np.cross(third, first), third)]
+        for point, count in zip(points, (3, 2, 1), strict=True):
+            held = tuple(range(3 - count, 3))
+            self.fix_point(part, point, 0.0, held, f"{name} {count}", frame, nearest)
 
     @journaled
     def link(

@@ -3,7 +3,8 @@
 Plates, brackets and rings held by bolts, screws and studs of M4 to M64 with nuts and washers, over gaskets,
 with dowels, and between them what looks alike and is none: bushings, spacers, collars, flanged pins, shafts
 with a collar, hexagon bars, covers. Clearance holes of all series and slots; hexagon and socket heads, heads
-and nuts that are plain discs; chamfers, cores; parts that are one. Turned, mirrored, in mm, m or inches.
+and nuts that are plain discs; chamfers, cores; threads that overlap; parts that are one. Turned, mirrored, in
+mm, m or inches.
 ``made(seed)`` makes one, ``write(assembly, path)`` a file. Nothing here knows how parts are recognised.
 """
 
@@ -12,23 +13,18 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import dolfinx_frontend as lf
 from dolfinx_frontend.geometry.session import gmsh_session
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demos"))
 
 from parts.step_file import silent  # noqa: E402
-
-COUNTED = ("bolt", "nut", "washer", "gasket")
-"""What must be found; of the others, studs and dowels are looked at as well."""
 
 Make = Callable[[Any], tuple[int, int]]
 """Draws a solid with ``gmsh.model.occ``."""
@@ -82,12 +78,13 @@ class Assembly:
     turn: tuple[float, tuple[float, ...], bool] = (0.0, (0.0, 0.0, 1.0), False)
 
 
-def _cylinder(occ: Any, x: float, y: float, low: float, high: float, d: float) -> tuple[int, int]:
+def cylinder(occ: Any, x: float, y: float, low: float, high: float, d: float) -> tuple[int, int]:
     return 3, occ.addCylinder(x, y, low, 0, 0, high - low, 0.5 * d)
 
 
-def _hexagon(occ: Any, x: float, y: float, low: float, high: float, across: float,
-             angle: float) -> tuple[int, int]:
+def hexagon(
+    occ: Any, x: float, y: float, low: float, high: float, across: float, angle: float
+) -> tuple[int, int]:
     r = across / math.sqrt(3.0)
     turns = [angle + k * math.pi / 3 for k in range(6)]
     points = [occ.addPoint(x + r * math.cos(a), y + r * math.sin(a), low) for a in turns]
@@ -96,24 +93,26 @@ def _hexagon(occ: Any, x: float, y: float, low: float, high: float, across: floa
     return next(e for e in occ.extrude([(2, face)], 0, 0, high - low) if e[0] == 3)
 
 
-def _one(pairs: list[tuple[int, int]]) -> int:
+def one(pairs: list[tuple[int, int]]) -> int:
     (found,) = [tag for dim, tag in pairs if dim == 3]
     return int(found)
 
 
-def _cut(occ: Any, body: tuple[int, int], tools: list[tuple[int, int]]) -> tuple[int, int]:
-    return 3, _one(occ.cut([body], tools)[0])
+def cut(occ: Any, body: tuple[int, int], tools: list[tuple[int, int]]) -> tuple[int, int]:
+    return 3, one(occ.cut([body], tools)[0])
 
 
-def _fuse(occ: Any, bodies: list[tuple[int, int]]) -> tuple[int, int]:
+def fuse(occ: Any, bodies: list[tuple[int, int]]) -> tuple[int, int]:
     whole = bodies[0]
     for each in bodies[1:]:  # one by one: of several tools some stay behind
-        whole = (3, _one(occ.fuse([whole], [each])[0]))
+        whole = (3, one(occ.fuse([whole], [each])[0]))
     return whole
 
 
-class _Maker:
+class Maker:
     """Draws an assembly; all lengths in mm, along z."""
+
+    names = _NAMES
 
     def __init__(self, seed: int, off: bool) -> None:
         self.rng = np.random.default_rng(seed)
@@ -121,6 +120,9 @@ class _Maker:
         self.d0 = int(self.rng.choice(list(_TABLE)))
         across, head, nut, socket, washer = _TABLE[self.d0]
         self.d = self.near(self.d0)
+        own = np.random.default_rng([seed, 7])
+        self.bore = self.d * (0.85 if own.uniform() < 0.25 else 1.0)
+        """Of nuts and tapped holes; the narrow ones are as wide as the core and overlap with their bolts."""
         self.across, self.head, self.nut, self.socket = map(self.near, (across, head, nut, socket))
         # what is off still has to go over its bolt
         inner = max(self.near(washer[0]), 1.02 * self.d)
@@ -137,7 +139,7 @@ class _Maker:
 
     def add(self, kind: str, make: Make, look: str = "") -> None:
         self.number += 1
-        words = _NAMES[kind][int(self.rng.integers(len(_NAMES[kind])))]
+        words = self.names[kind][int(self.rng.integers(len(self.names[kind])))]
         name = words.format(d=self.d0, l=int(self.rng.integers(2, 9)) * 10, n=self.number)
         self.found.parts.append(Part(kind, lambda occ: make(occ)[1], f"{name} #{self.number}", look))
 
@@ -155,27 +157,27 @@ class _Maker:
         def make(occ: Any) -> tuple[int, int]:
             length = seat - low
             start = low + (0.1 * d if tip else 0.0)
-            shank = [_cylinder(occ, x, y, start, seat, d)]
+            shank = [cylinder(occ, x, y, start, seat, d)]
             if core:  # threads are often drawn at their core
                 middle = low + 0.4 * length
-                shank = [_cylinder(occ, x, y, middle, seat, d), _cylinder(occ, x, y, start, middle, 0.85 * d)]
+                shank = [cylinder(occ, x, y, middle, seat, d), cylinder(occ, x, y, start, middle, 0.85 * d)]
             if tip:
                 inner = 0.5 * d * (0.85 if core else 1.0)
                 shank.append((3, occ.addCone(x, y, low, 0, 0, start - low, inner - 0.1 * d, inner)))
             if style == "hex":
-                top = _hexagon(occ, x, y, seat, seat + k, w, angle)
+                top = hexagon(occ, x, y, seat, seat + k, w, angle)
                 if chamfer:
                     cone = (3, occ.addCone(x, y, seat, 0, 0, k, 0.475 * w + 1.732 * k, 0.475 * w))
-                    top = (3, _one(occ.intersect([top], [cone])[0]))
+                    top = (3, one(occ.intersect([top], [cone])[0]))
             else:
-                top = _cylinder(occ, x, y, seat, seat + k, w)
+                top = cylinder(occ, x, y, seat, seat + k, w)
             if collar and style == "hex":  # the face of a washer on the head, as ISO 4014 has it
-                ring = _cut(occ, _cylinder(occ, x, y, seat, seat + 0.05 * d, 2.0 * w),
-                            [_cylinder(occ, x, y, seat, seat + 0.05 * d, 0.95 * w)])
-                top = _cut(occ, top, [ring])
-            body = _fuse(occ, [top, *shank])
+                ring = cut(occ, cylinder(occ, x, y, seat, seat + 0.05 * d, 2.0 * w),
+                           [cylinder(occ, x, y, seat, seat + 0.05 * d, 0.95 * w)])
+                top = cut(occ, top, [ring])
+            body = fuse(occ, [top, *shank])
             if style == "socket" and recess:
-                body = _cut(occ, body, [_hexagon(occ, x, y, seat + 0.45 * k, seat + k, 0.8 * d, angle)])
+                body = cut(occ, body, [hexagon(occ, x, y, seat + 0.45 * k, seat + k, 0.8 * d, angle)])
             return body
 
         return make
@@ -187,15 +189,15 @@ class _Maker:
 
         def make(occ: Any) -> tuple[int, int]:
             if style == "disc":
-                body = _cylinder(occ, x, y, low, low + m, w)
+                body = cylinder(occ, x, y, low, low + m, w)
             else:
-                body = _hexagon(occ, x, y, low, low + m, w, angle)
+                body = hexagon(occ, x, y, low, low + m, w, angle)
                 if chamfer:
                     cone = (3, occ.addCone(x, y, low, 0, 0, m, 0.475 * w + 1.732 * m, 0.475 * w))
-                    body = (3, _one(occ.intersect([body], [cone])[0]))
+                    body = (3, one(occ.intersect([body], [cone])[0]))
             if washer:
-                body = _fuse(occ, [body, _cylinder(occ, x, y, low, low + ring[2], ring[1])])
-            return _cut(occ, body, [_cylinder(occ, x, y, low - d, low + m + d, d)])
+                body = fuse(occ, [body, cylinder(occ, x, y, low, low + ring[2], ring[1])])
+            return cut(occ, body, [cylinder(occ, x, y, low - d, low + m + d, self.bore)])
 
         return make
 
@@ -203,8 +205,8 @@ class _Maker:
         inner, outer, height = ring
 
         def make(occ: Any) -> tuple[int, int]:
-            body = _cylinder(occ, x, y, low, low + height, outer)
-            return _cut(occ, body, [_cylinder(occ, x, y, low - 1, low + height + 1, inner)])
+            body = cylinder(occ, x, y, low, low + height, outer)
+            return cut(occ, body, [cylinder(occ, x, y, low - 1, low + height + 1, inner)])
 
         return make
 
@@ -231,14 +233,14 @@ class _Maker:
             bolt = self.headed(x, y, low, top + above, head, fused and not below)
             nut = self.nut_at(x, y, bottom - below - self.nut, style, False)
             if fused and not below:
-                self.add("bolt", lambda occ: _fuse(occ, [bolt(occ), nut(occ)]), "bolt and nut are one")
+                self.add("bolt", lambda occ: fuse(occ, [bolt(occ), nut(occ)]), "bolt and nut are one")
                 return
             self.add("bolt", bolt, head)
         else:
             long = top + above + self.nut + 0.2 * d
             tapped = way == "screwed stud"
             start = bottom - 1.3 * d if tapped else low
-            self.add("stud", lambda occ: _cylinder(occ, x, y, start, long, d))
+            self.add("stud", lambda occ: cylinder(occ, x, y, start, long, d))
             self.add("nut", self.nut_at(x, y, top + above, style, fused and style == "hex"), style)
             if tapped:
                 return
@@ -277,7 +279,7 @@ class _Maker:
             bottom = -levels[0][1] if tapped else 0.0
             low, high = bottom + 0.3 * levels[0][1], bottom + levels[0][1] + 0.7 * levels[1][1]
             for x, y in dowels:
-                self.add("dowel", lambda occ, x=x, y=y: _cylinder(occ, x, y, low, high, 0.6 * d))
+                self.add("dowel", lambda occ, x=x, y=y: cylinder(occ, x, y, low, high, 0.6 * d))
         if middle:
             self.pin(-levels[0][1] if tapped else 0.0, z)
         return 0.0, z
@@ -287,42 +289,42 @@ class _Maker:
         d, flange, past = self.d, self.chance(0.7), float(self.rng.uniform(-0.2, 3.0)) * self.d
 
         def make(occ: Any) -> tuple[int, int]:
-            pin = _cylinder(occ, 0, 0, bottom - past, top + (0.0 if flange else past), d)
-            return _fuse(occ, [pin, _cylinder(occ, 0, 0, top, top + 0.7 * d, 1.6 * d)]) if flange else pin
+            pin = cylinder(occ, 0, 0, bottom - past, top + (0.0 if flange else past), d)
+            return fuse(occ, [pin, cylinder(occ, 0, 0, top, top + 0.7 * d, 1.6 * d)]) if flange else pin
 
         self.add("", make, "pin with a flange" if flange else "pin")
 
     def plate(self, kind: str, shape: str, reach: float, z: float, t: float,
               sites: list[tuple[float, float]], series: float, slot: bool,
               dowels: list[tuple[float, float]], middle: float) -> None:
-        d, hole = self.d, self.d if kind == "tapped" else max(self.near(self.d * series), 1.02 * self.d)
+        d, hole = self.d, self.bore if kind == "tapped" else max(self.near(self.d * series), 1.02 * self.d)
         depth = 1.5 * d if kind == "tapped" else t
         inner = 0.5 * min(math.hypot(x, y) for x, y in sites)
         pocket = kind == "" and self.chance(0.3)
 
         def make(occ: Any) -> tuple[int, int]:
             if shape in ("disc", "ring"):
-                body = _cylinder(occ, 0, 0, z, z + t, 2.0 * 1.4 * reach)
+                body = cylinder(occ, 0, 0, z, z + t, 2.0 * 1.4 * reach)
             else:
                 body = (3, occ.addBox(-reach, -reach, z, 2 * reach, 2 * reach, t))
             if shape == "bracket":
-                body = _fuse(occ,
-                             [body, (3, occ.addBox(-reach - d, -reach, z, 1.0 * d, 2 * reach, t + 4 * d))])
+                wall = (3, occ.addBox(-reach - d, -reach, z, 1.0 * d, 2 * reach, t + 4 * d))
+                body = fuse(occ, [body, wall])
             tools = []
             if shape == "ring" and inner > 1.5 * d and not middle and not dowels:
-                tools.append(_cylinder(occ, 0, 0, z - 1, z + t + 1, 1.2 * inner))
+                tools.append(cylinder(occ, 0, 0, z - 1, z + t + 1, 1.2 * inner))
             for x, y in sites:
-                tools.append(_cylinder(occ, x, y, z + t - depth, z + t, hole))
+                tools.append(cylinder(occ, x, y, z + t - depth, z + t, hole))
                 if slot:
                     length = 0.3 * d
-                    tools += [_cylinder(occ, x + s * length, y, z, z + t, hole) for s in (-1, 1)]
+                    tools += [cylinder(occ, x + s * length, y, z, z + t, hole) for s in (-1, 1)]
                     tools.append((3, occ.addBox(x - length, y - 0.5 * hole, z, 2 * length, hole, t)))
-            tools += [_cylinder(occ, x, y, z - 1, z + t + 1, 0.6 * d) for x, y in dowels]
+            tools += [cylinder(occ, x, y, z - 1, z + t + 1, 0.6 * d) for x, y in dowels]
             if middle:
-                tools.append(_cylinder(occ, 0, 0, z - 1, z + t + 1, middle))
+                tools.append(cylinder(occ, 0, 0, z - 1, z + t + 1, middle))
             if pocket:
                 tools.append((3, occ.addBox(-0.3 * d, reach - 0.5 * d, z - 1, 0.6 * d, 2 * reach, t + 2)))
-            return _cut(occ, body, tools)
+            return cut(occ, body, tools)
 
         self.add("gasket" if kind == "gasket" else "", make, shape)
 
@@ -335,35 +337,35 @@ class _Maker:
 
         def make(occ: Any) -> tuple[int, int]:
             def pin(low: float, high: float, width: float) -> tuple[int, int]:
-                return _cylinder(occ, x, y, z + low * d, z + high * d, width * d)
+                return cylinder(occ, x, y, z + low * d, z + high * d, width * d)
 
             if which == 0:  # a bushing
-                return _cut(occ, pin(0, 0.5 + a, 1.7), [pin(-1, 9, 1.1)])
+                return cut(occ, pin(0, 0.5 + a, 1.7), [pin(-1, 9, 1.1)])
             if which == 1:  # a shaft with a collar
-                return _fuse(occ, [pin(0, b, 1), pin(0.5, 0.5 + 0.5 * a, 1.6)])
+                return fuse(occ, [pin(0, b, 1), pin(0.5, 0.5 + 0.5 * a, 1.6)])
             if which == 2:  # a pin with a flange
-                return _fuse(occ, [pin(0, b, 1), pin(0, 0.6, 1.6)])
+                return fuse(occ, [pin(0, b, 1), pin(0, 0.6, 1.6)])
             if which == 3:  # a hexagon bar
-                return _hexagon(occ, x, y, z, z + b * d, 1.6 * d, a)
+                return hexagon(occ, x, y, z, z + b * d, 1.6 * d, a)
             if which == 4:  # a hexagon spacer with a thread
-                return _cut(occ, _hexagon(occ, x, y, z, z + b * d, 1.6 * d, a), [pin(-1, 9, 1)])
+                return cut(occ, hexagon(occ, x, y, z, z + b * d, 1.6 * d, a), [pin(-1, 9, 1)])
             if which == 5:  # a cover
                 return 3, occ.addBox(x - b * d, y - b * d, z, 2 * b * d, 2 * b * d, 0.1 * d)
             if which == 6:  # a plain pin
                 return pin(0, b, 1)
             if which == 7:  # a stepped shaft with a hole through it
-                return _cut(occ, _fuse(occ, [pin(0, b, 1), pin(0, 0.6, 1.6)]), [pin(-1, 9, 0.5)])
+                return cut(occ, fuse(occ, [pin(0, b, 1), pin(0, 0.6, 1.6)]), [pin(-1, 9, 0.5)])
             if which == 8:  # a ball on a foot
-                return _fuse(occ, [(3, occ.addSphere(x, y, z + 2 * d, d)), pin(0, 2, 1)])
+                return fuse(occ, [(3, occ.addSphere(x, y, z + 2 * d, d)), pin(0, 2, 1)])
             body = 3, occ.addBox(x - d, y - d, z, 2 * d, 2 * d, b * d)  # a block with a cross hole
-            return _cut(occ, body, [(3, occ.addCylinder(x - 2 * d, y, z + d, 4 * d, 0, 0, 0.5 * d))])
+            return cut(occ, body, [(3, occ.addCylinder(x - 2 * d, y, z + d, 4 * d, 0, 0, 0.5 * d))])
 
         self.add("", make, f"decoy {which}")
 
 
 def made(seed: int, off: bool = False) -> Assembly:
     """An assembly of 3 to some 30 parts; `off`: sizes of fasteners and holes are up to 5 % off."""
-    maker = _Maker(seed, off)
+    maker = Maker(seed, off)
     rng, d = maker.rng, maker.d
     way = str(rng.choice(["bolt", "tapped", "stud", "screwed stud"], p=[0.4, 0.3, 0.2, 0.1]))
     count = int(rng.choice([1, 2, 3, 4, 6, 8], p=[0.15, 0.25, 0.15, 0.3, 0.08, 0.07]))
@@ -379,7 +381,12 @@ def made(seed: int, off: bool = False) -> Assembly:
     reach = max(max(abs(x), abs(y)) for x, y in sites)
     for k in range(int(rng.integers(0, 5))):
         maker.decoy((3 * reach + 20 * d) + 14 * d * k, 0.0, float(rng.uniform(-d, d)))
-    found = maker.found
+    return finished(maker)
+
+
+def finished(maker: Maker) -> Assembly:
+    """What a maker has drawn, in some unit, turned and mirrored, its parts in some order."""
+    rng, found = maker.rng, maker.found
     found.unit = str(rng.choice(["mm", "m", "inch"], p=[0.6, 0.2, 0.2]))
     axis = rng.normal(size=3)
     if maker.chance(0.6):
@@ -450,62 +457,3 @@ def write(assembly: Assembly, path: Path) -> Path:
         text = text.replace("ENDSEC;\nEND-ISO", "\n".join(more) + "\nENDSEC;\nEND-ISO")
     path.write_text(text, encoding="latin-1")
     return path
-
-
-# --- judging ----------------------------------------------------------------------------------------
-
-
-@dataclass
-class Verdict:
-    """Counts, and what is wrong in words."""
-
-    counts: Counter[Any] = field(default_factory=Counter)
-    wrong: list[str] = field(default_factory=list)
-
-
-def judged(assembly: Assembly, file: Path) -> dict[str, Verdict]:
-    """What a file's parts are taken for, with their names and without, against what they are."""
-    step = lf.read_step(file)
-    truth = {part.name.encode("ascii", "ignore").decode(): part for part in assembly.parts}
-    assert set(truth) == set(step.solids)
-    plain = {name: f"part {k}" for k, name in enumerate(step.solids)}
-    solids = {plain[n]: replace(s, name=plain[n]) for n, s in step.solids.items()}
-    touches = {}
-    for touch in step.touches.values():
-        parts = (plain[touch.parts[0]], plain[touch.parts[1]])
-        touches[touch.name] = replace(touch, parts=parts)
-    nameless = replace(step, solids=solids, touches=touches)
-    without = nameless.found
-    found = {"with names": step.found, "without names": {n: without[plain[n]] for n in step.solids}}
-    out = {}
-    for names, taken in found.items():
-        verdict = out[names] = Verdict()
-        for name, part in truth.items():
-            _compare(verdict, assembly, part, taken[name])
-    return out
-
-
-def _compare(verdict: Verdict, assembly: Assembly, part: Part, taken: Any) -> None:
-    kind, counts = part.kind, verdict.counts
-    right = taken.kind == kind
-    if kind in COUNTED:
-        counts[kind, "there"] += 1
-        counts[kind, "found"] += right
-        if right and kind != "gasket":
-            counts["sized"] += 1
-            fits = taken.size is not None and taken.size.d == assembly.d
-            counts["sizes"] += fits
-            right = right and fits
-    elif kind:
-        counts["more there"] += 1
-        counts["more found"] += right
-        counts["others"] += 1
-    else:
-        counts["others"] += 1
-        right = taken.kind not in COUNTED
-        counts["false"] += not right
-    if kind and taken.kind in COUNTED and taken.kind != kind:  # a washer taken for a nut
-        counts["false"] += kind not in COUNTED
-    if not right:
-        words = f"{part.name!r}, a {kind or 'part'} ({part.look}), is taken for {taken.title or 'a part'}"
-        verdict.wrong.append(f"{words}: {'; '.join(taken.reasons) or taken.missing}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import sys
 from pathlib import Path
@@ -14,12 +15,14 @@ import dolfinx_frontend as lf
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.step import StepAssembly
 from dolfinx_frontend.geometry.threads import SIZES, preload
+from tests.geometry.assemblies import hexagon
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demos"))
 
 from make_bracket_step import make_bracket  # noqa: E402
 from make_flange_step import make_flange  # noqa: E402
 from parts.step_file import write_step  # noqa: E402
+from proposed_from_step import CASES, balances  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -156,3 +159,70 @@ def test_a_gasket_under_a_side_load_is_in_balance(tmp_path: Path) -> None:
     assert result.converged
     held = [result.table("support").value(f"force_{x}", "support") for x in "xyz"]
     assert np.allclose(held, [-1000.0, 0.0, 0.0], atol=0.5)
+
+
+@pytest.mark.parametrize(
+    "case",
+    ["bracket", pytest.param("flange", marks=pytest.mark.night(guard="test_bracket_runs_and_is_in_balance")),
+     pytest.param("mount", marks=pytest.mark.night(guard="test_bracket_runs_and_is_in_balance"))],
+)
+def test_demos_are_proposed_in_balance(tmp_path: Path, case: str) -> None:
+    """In under 15 lines each; the balances are those of their demos."""
+    make, build, load, joint = CASES[case]
+    assert len(inspect.getsource(build).splitlines()) < 17  # with its name and docstring
+    result = lf.solve(lf.assemble(build(make(tmp_path / f"{case}.step"))), times=[1.0, 2.0], progress=False)
+    rest, shared, _ = balances(result, load, joint)
+    assert result.converged and rest < 1e-6 and abs(shared) < 1e-6
+
+
+def screw_in_block(occ: Any, bore: float) -> dict[str, int]:
+    """A cap screw M10 through a plate into a block, whose hole has the radius `bore`."""
+    def pin(low: float, high: float, r: float) -> tuple[int, int]:
+        return 3, occ.addCylinder(0, 0, low, 0, 0, high - low, r)
+
+    block = occ.cut([(3, occ.addBox(-20, -20, -25, 40, 40, 25))], [pin(-20, 0, bore)])[0][0][1]
+    plate = occ.cut([(3, occ.addBox(-20, -20, 0, 40, 40, 10))], [pin(-1, 11, 5.5)])[0][0][1]
+    screw = occ.fuse([pin(-15, 10, 5)], [pin(10, 20, 8)])[0][0][1]
+    return {"block": block, "plate": plate, "ISO 4762 M10x25": screw}
+
+
+@pytest.mark.parametrize("imprint", [True, False])
+def test_a_thread_drawn_with_an_overlap_is_tied(tmp_path: Path, imprint: bool) -> None:
+    """Nominal screw, hole of the core: the area of the thread is that of the screw, pi d l."""
+    file = write_step(tmp_path / "m10.step", lambda occ: screw_in_block(occ, 4.25))
+    step = lf.read_step(file, imprint=imprint)
+    assert step.found["ISO 4762 M10x25"].title == "bolt M10" and not step.misfits
+    volume = 40**2 * 25 - math.pi * (25 * 15 + 4.25**2 * 5)
+    assert math.isclose(step.solids["block"].volume, volume, rel_tol=1e-9)
+    if not imprint:  # nothing is divided, so nothing is known to be one face
+        return
+    thread = step.touches["block|ISO 4762 M10x25"]
+    assert thread.kind == "thread" and math.isclose(thread.gap, -0.75) and "thread" in str(step)
+    assert math.isclose(thread.area, 2 * math.pi * 5 * 15, rel_tol=1e-9)
+    made = step.proposal()
+    assert isinstance(made._joins["block|ISO 4762 M10x25+"].law, lf.Perfect)
+    assert "0.75 mm into its hole: tied over its length" in made.why["join", "block|ISO 4762 M10x25+"]
+
+
+@pytest.mark.parametrize("bore", [4.95, 3.6])
+def test_other_overlaps_are_refused(tmp_path: Path, bore: float) -> None:
+    """A press fit is no thread, and a hole that is narrower than any core is a mistake."""
+    with pytest.raises(SceneError, match="solids overlap: 'block' and 'ISO 4762 M10x25'"):
+        lf.read_step(write_step(tmp_path / "m10.step", lambda occ: screw_in_block(occ, bore)))
+
+
+def test_a_screw_at_its_core_is_in_its_thread(tmp_path: Path) -> None:
+    """Drawn at its core in a hole of the minor diameter, which is wider: the head tells the size."""
+    def build(occ: Any) -> dict[str, int]:
+        def pin(low: float, high: float, r: float) -> tuple[int, int]:
+            return 3, occ.addCylinder(0, 0, low, 0, 0, high - low, r)
+
+        solids = screw_in_block(occ, 4.25)
+        occ.remove([(3, solids["ISO 4762 M10x25"])], recursive=True)
+        socket = occ.cut([pin(10, 20, 8)], [hexagon(occ, 0, 0, 15, 20, 8.0, 0.0)])[0][0]
+        solids["screw"] = occ.fuse([pin(-15, 10, 4.08)], [socket])[0][0][1]
+        return {k: v for k, v in solids.items() if k != "ISO 4762 M10x25"}
+
+    step = lf.read_step(write_step(tmp_path / "core.step", build))
+    found = step.found["screw"]
+    assert found.title == "bolt M10" and [p.fits for p in found.passages] == [True, False]

@@ -16,7 +16,8 @@ from dolfinx_frontend.geometry.naming import named_kind, named_size
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly
 from dolfinx_frontend.geometry.threads import HEAD, JOINT, SIZES, nearest_size, preload
-from tests.geometry.assemblies import judged, made, write
+from tests.geometry.assemblies import made, write
+from tests.geometry.judging import judged
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demos"))
 

@@ -28,6 +28,8 @@ SHORT = {
     "flange_from_step.py": ["--quick", "--output", "{}"],
     "make_bracket_step.py": ["{}/bracket.step"],
     "make_flange_step.py": ["{}/flange.step"],
+    "make_mount_step.py": ["{}/mount.step"],
+    "proposed_from_step.py": ["--output", "{}"],
     "loads_and_scatter.py": ["--output", "{}"],
     "tradeoff.py": ["--scenes", "vessel", "--output", "{}"],
 }
@@ -81,6 +83,8 @@ WRITTEN = {
     "frame_as_matrix.py": ["frame.vtm"],
     "make_bracket_step.py": ["bracket.step"],
     "make_flange_step.py": ["flange.step"],
+    "make_mount_step.py": ["mount.step"],
+    "proposed_from_step.py": ["bracket.step"],
     "tradeoff.py": ["tradeoff_vessel.png"],
     "hertz.py": [
         "hertz.vtm",
