@@ -293,6 +293,8 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "abaqus.materials",
         "abaqus.loads",
         "abaqus.deck",
+        "abaqus.meshed",
+        "abaqus.writing",
         "abaqus",
         "nastran.bulk",
         "nastran.case",
