@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from latin_core import InputError
-from scipy import stats
 
+from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.formulas import evaluated
 from dolfinx_frontend.decks.kinds import ANY, misfit, of_type

@@ -10,9 +10,9 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp
 
 __all__ = [
     "CORNERS", "EDGES", "FACES", "KINDS", "REFERENCE_NODES", "RODS", "Kind", "face_nodes", "listed",
