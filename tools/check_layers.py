@@ -106,6 +106,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "fits",
         "meshing",
         "msh",
+        "med",
         "reading",
         "worker",
         "away",
