@@ -185,8 +185,10 @@ def _run(given: argparse.Namespace) -> int:
 
 
 def _convert(given: argparse.Namespace) -> int:
-    deck = _read(given, given.source)
     target: Path = given.target
+    if target.resolve() == given.source.resolve():
+        raise DeckError(f"{target} is the deck itself: give the other one another name")
+    deck = _read(given, given.source)
     if target.suffix.lower() == ".toml":
         beside = {"run": deck.run, "asked": deck.asked, "units": deck.units, "title": deck.title}
         write_deck(deck.scene, target, **beside)

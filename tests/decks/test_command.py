@@ -252,6 +252,10 @@ WRONG = {
     ("rtol = 1e-9", "rtol = 3.0"): r"small.toml:4: .*rtol",
     ('"layer.pressure_max"', '"layr.pressure_max"'): r"small.toml:7: .*did you mean 'layer'",
     ("gap = 0.0", "gap = 0.0\ngap = 1.0"): r"small.toml:2[567]: this is no TOML",
+    ("[interface.layer]", "[[interface]]"): r"small.toml:21: .*no list.*write \[interface.NAME\]",
+    ("[sub", "[material.m]\nmaterial = 'LinearElastic'\nE = 1\nnu = 0\nrho = 1\n[sub"): (
+        r"small.toml:13: unknown key 'rho' in \[material.m\]; known: 'material', 'E', 'nu', 'plane', 'alpha'"
+    ),
 }
 
 
@@ -334,7 +338,10 @@ def test_convert_and_schema(deck: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert (one.run, one.asked, one.units) == (two.run, two.asked, two.units)
     assert main(["convert", str(deck), str(tmp_path / "study")]) == 0
     assert (tmp_path / "study").is_dir()
+    text = deck.read_text()
     capsys.readouterr()
+    assert main(["convert", str(deck), str(deck.parent / "." / deck.name)]) == 2  # not over itself
+    assert "is the deck itself" in capsys.readouterr().err and deck.read_text() == text
     assert main(["schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
     table = schema["properties"]["interface"]["additionalProperties"]
