@@ -83,7 +83,7 @@ class Values:
         for name, value in self.section("material"):
             self.materials[name], rest = self.object("material", self.table(value, ("material", name)),
                                                      ("material", name))
-            made = type(self.materials[name])
+            made: Any = type(self.materials[name])
             fields = words(made) if made in CLASSES["material"].values() else {}
             self.refuse(rest, ("material", name), ("material", *fields))
 

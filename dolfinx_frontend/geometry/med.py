@@ -16,8 +16,8 @@ _BEGIN = b"\x89HDF\r\n\x1a\n"
 
 _KINDS = {
     "line": (1, 1), "line3": (1, 8), "triangle": (2, 2), "triangle6": (2, 9), "quad": (2, 3),
-    "quad8": (2, 16), "tetra": (3, 4), "tetra10": (3, 11), "hexahedron": (3, 5), "hexahedron20": (3, 17), "wedge": (3, 6),
-    "wedge15": (3, 18), "pyramid": (3, 7), "pyramid13": (3, 19),
+    "quad8": (2, 16), "tetra": (3, 4), "tetra10": (3, 11), "hexahedron": (3, 5), "hexahedron20": (3, 17),
+    "wedge": (3, 6), "wedge15": (3, 18), "pyramid": (3, 7), "pyramid13": (3, 19),
 }
 """Name of a cell -> its dimension and its number in gmsh."""
 
