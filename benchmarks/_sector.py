@@ -84,7 +84,7 @@ def sector_part(demo: ModuleType, size: str | float, n: int, folder: Path) -> di
     if found is None:
         return record
     away = max(float(np.abs(found.u[name] - field).max()) for name, field in exact_u.items())
-    there = abs(float(found.forces[calculix.set_of("screw")][0]))
+    there = float(np.linalg.norm(found.forces[calculix.set_of("screw")]))
     record["calculix"] = {
         "seconds": found.seconds,
         "iterations": found.iterations,

@@ -2,8 +2,8 @@
 
 ``./run bench calculix [NAME ...] [--json FILE] [--keep FOLDER]`` writes, for each scene, how far apart
 displacements at the nodes of the elements are: root mean square over that of the displacements
-(``displacement``), the largest over the largest (``largest``); the same of the reactions (``reaction``),
-and the seconds of both. It needs ``ccx``, which ``peers/get_calculix.sh`` brings; without it
+(``displacement``), the largest over the largest (``largest``); the same of reactions and bolt forces
+(``reaction``), and the seconds of both. It needs ``ccx``, which ``peers/get_calculix.sh`` brings; without it
 the decks are written, and the numbers are null.
 
 What differs: contact here is a multiplier in the mean (mortar), there a penalty at points; hexahedra here
@@ -217,7 +217,8 @@ def compared(scene: lf.Scene, times: list[float] | None, deck: Path) -> dict[str
     record["displacement"] = float(np.linalg.norm(off[there]) / np.linalg.norm(ours[there]))
     table = result.table()
     rows = {name: row for row, name in enumerate(table["interface"])}
-    held = [n for n, i in scene.interfaces.items() if isinstance(i.law, (laws.Displacement, laws.Symmetry))]
+    read = (laws.Displacement, laws.Symmetry, laws.Preload)
+    held = [n for n, i in scene.interfaces.items() if isinstance(i.law, read)]
     forces = {}
     for name in held:
         if name in rows:

@@ -335,7 +335,7 @@ class _Deck:
         for here, there in zip(listed(first), listed(second), strict=True):
             for axis, n in enumerate(normal, start=1):
                 self._follow(i, (there, axis), (here, axis), (node, float(n)))
-        self.printed.append(self.node_set(f"N {i.name}", np.array([node])))
+        self.printed.append(self.node_set(f"N {i.name}", first))  # of its own node CalculiX prints no force
         return node
 
     def _shortened(self, node: int, lengths: Sequence[float]) -> None:
