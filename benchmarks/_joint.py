@@ -7,9 +7,6 @@ friction in five contacts. The discretisation of the contact is each program's o
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -19,16 +16,12 @@ from typing import Any
 import common
 import numpy as np
 import numpy.typing as npt
-from peers import exchange
-from scipy.spatial import cKDTree
+from peers import calculix
 
 from dolfinx_frontend import Options, Perfect, Problem, Scene, assemble, solve, sweep
 from parts.lap_joint import LapJoint, lap_joint
 
 Array = npt.NDArray[np.float64]
-Solids = dict[str, exchange.Solid]
-
-MISSING = 3
 RTOL = 1e-5
 
 
@@ -39,23 +32,6 @@ def scene_of(demo: ModuleType, joint: LapJoint) -> Scene:
     for name in demo.CUTS:
         scene.interfaces[name] = replace(scene.interfaces[name], law=cut, space="auto")
     return scene
-
-
-def what(demo: ModuleType, joint: LapJoint) -> dict[str, Any]:
-    """The same in words, for another program."""
-    kinds = ("contact", "perfect", "elastic", "symmetry")
-    faces = {k: [(i.face1, i.face2) for i in joint.interfaces if i.kind == k] for k in kinds}
-    return {
-        "contacts": faces["contact"],
-        "glued": faces["perfect"],
-        "cuts": faces["elastic"],
-        "friction": demo.FRICTION,
-        "shortening": demo.SHORTENING,
-        "planes": [face for face, _ in faces["symmetry"]],
-        "held": ["lower:end"],
-        "pulled": "upper:end",
-        "pull": demo.PULL,
-    }
 
 
 def sets_of(demo: ModuleType, n: int) -> dict[Any, Any]:
@@ -75,21 +51,8 @@ def ours(demo: ModuleType, problem: Problem, rtol: float) -> tuple[dict[str, Arr
     return u, float(demo.load(problem, result)[-1]) / demo.HALVES, result
 
 
-def theirs(scene: Path) -> Any:
-    """The answer of CalculiX; None if it is not there."""
-    script = Path(__file__).parent / "peers" / "calculix_lap.py"
-    file = scene.with_name(f"{scene.stem}_ccx.npz")
-    command = [sys.executable, str(script), str(scene), str(file)]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    if done.returncode == MISSING:
-        return None
-    if done.returncode:
-        raise RuntimeError(f"calculix_lap.py failed:\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}")
-    return np.load(file)
-
-
 def joint_part(
-    demo: ModuleType, size: str | float, n: int, solid: Any, folder: Path, theirs_too: bool = True
+    demo: ModuleType, size: str | float, n: int, folder: Path, theirs_too: bool = True
 ) -> dict[str, Any]:
     """One run, n^3 sets, and the same in CalculiX: one run, whose time counts as often as there are sets."""
     joint = lap_joint(size, geometry_order=1)
@@ -126,24 +89,17 @@ def joint_part(
         "seconds_of_sets": setup + many,
         "calculix": None,
     }
-    scene = folder / "lap_scene.npz"
-    bodies = {name: solid(part, (200e3, 0.3)) for name, part in joint.parts.items()}
-    np.savez(scene, joint=json.dumps(what(demo, joint)), **exchange.arrays_of(bodies))
-    found = theirs(scene) if theirs_too else None
+    found = calculix.run(problem, demo.TIMES, folder / "lap.inp") if theirs_too else None
     if found is None:
         return record
-    away = 0.0
-    for name, field in exact_u.items():
-        nodes = problem.substructures[name].V.tabulate_dof_coordinates()
-        near, place = cKDTree(found[f"{name}_points"]).query(nodes)
-        assert near.max() < 1e-6, "other nodes"
-        away = max(away, float(np.abs(found[f"{name}_u"][place] - field).max()))
+    away = max(float(np.abs(found.u[name] - field).max()) for name, field in exact_u.items())
+    load_there = float(found.forces[calculix.set_of("grip")][0])
     record["calculix"] = {
-        "seconds": float(found["seconds"]),
-        "iterations": int(found["iterations"]),
+        "seconds": found.seconds,
+        "iterations": found.iterations,
         "max_difference": away / largest,
-        "load_difference": abs(float(found["load"]) / exact_load - 1.0),
-        "seconds_of_sets": swept.converged.size * float(found["seconds"]),
+        "load_difference": abs(load_there / exact_load - 1.0),
+        "seconds_of_sets": swept.converged.size * found.seconds,
     }
     return record
 

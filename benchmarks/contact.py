@@ -46,7 +46,7 @@ import common
 import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh as dmesh
-from peers import exchange
+from peers import calculix, exchange
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend import (
@@ -65,7 +65,7 @@ from parts.lap_joint import lap_joint
 
 Array = npt.NDArray[np.float64]
 
-PEERS = {"getfem": "getfem_contact.py", "calculix": "calculix_contact.py"}
+PEERS = ("getfem", "calculix")
 MISSING = 3  # exit code of a peer that is not there
 RTOL = 1e-5
 UPPER, LOWER = (200e3, 0.3), (70e3, 0.3)  # E, nu
@@ -170,8 +170,8 @@ def blocks(n: int, friction: float, matching: bool) -> tuple[exchange.Scene, Pro
     scene.substructure("lower", lower, LinearElastic(*LOWER), degree=2)
     law = Contact(friction=friction or None)
     scene.interface("contact", "upper:z0", "lower:z1", law, space="facets")
-    scene.fix("upper:z1", moved)
-    scene.fix("lower:z0")
+    scene.fix("upper:z1", moved, name="head")
+    scene.fix("lower:z0", name="ground")
     arrays = exchange.Scene(
         {"upper": solid(upper, UPPER), "lower": solid(lower, LOWER)},
         ("upper:z0", "lower:z1"),
@@ -202,12 +202,11 @@ def differences(
     return apart / largest, float(np.linalg.norm(first[1] - second[1]) / np.linalg.norm(second[1]))
 
 
-def beside(
-    program: str, scene: Path, folder: Path, repeats: int
-) -> exchange.Answer | None:
-    """The answer of another program, in a separate process; None if it is not installed."""
-    script = Path(__file__).parent / "peers" / program
-    file = folder / f"{script.stem}.npz"
+def by_getfem(arrays: exchange.Scene, folder: Path, repeats: int) -> exchange.Answer | None:
+    """The answer of GetFEM, in a separate process; None if it is not installed."""
+    script = Path(__file__).parent / "peers" / "getfem_contact.py"
+    scene, file = folder / "scene.npz", folder / "getfem.npz"
+    arrays.write(scene)
     done = subprocess.run(
         [sys.executable, str(script), str(scene), str(file), str(repeats)],
         capture_output=True,
@@ -217,8 +216,20 @@ def beside(
     if done.returncode == MISSING:
         return None
     if done.returncode:
-        raise RuntimeError(f"{program} failed:\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}")
+        raise RuntimeError(f"GetFEM failed:\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}")
     return exchange.read_answer(file)
+
+
+def by_calculix(problem: Problem, folder: Path, repeats: int) -> exchange.Answer | None:
+    """The answer of CalculiX; None if it is not there."""
+    found = calculix.run(problem, None, folder / "scene.inp", repeats)
+    if found is None:
+        return None
+    points = {name: part.dof_coordinates for name, part in problem.substructures.items()}
+    force = -found.forces[calculix.set_of("head")]
+    seconds = {"setup": 0.0, "solve": found.seconds}
+    note = "C3D10, surface-to-surface penalty contact"
+    return exchange.Answer(points, found.u, force, seconds, found.iterations, note)
 
 
 def missing(peer: str) -> dict[str, Any]:
@@ -264,10 +275,10 @@ def block_part(
     with tempfile.TemporaryDirectory() as temporary:
         folder = keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        scene = folder / "scene.npz"
-        arrays.write(scene)
-        for name, program in PEERS.items():
-            found = beside(program, scene, folder, repeats)
+        others = {
+            "getfem": by_getfem(arrays, folder, repeats), "calculix": by_calculix(problem, folder, repeats)
+        }
+        for name, found in others.items():
             if found is None:
                 record["peers"][name] = missing(name)
                 continue
@@ -410,9 +421,9 @@ def main() -> None:
         )
     with tempfile.TemporaryDirectory() as temporary:
         demo, folder = common.demo("bolted_lap_joint"), options.keep or Path(temporary)
-        record["joint"] = _joint.joint_part(demo, options.joint, options.sets, solid, folder)
+        record["joint"] = _joint.joint_part(demo, options.joint, options.sets, folder)
         vessel = common.demo("bolted_vessel")
-        record["sector"] = _sector.sector_part(vessel, options.sector, options.sets, solid, folder)
+        record["sector"] = _sector.sector_part(vessel, options.sector, options.sets, folder)
     report(record)
     print("\n" + _joint.report(record["joint"]))
     print("\n" + _sector.report(record["sector"]))

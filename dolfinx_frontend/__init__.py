@@ -102,12 +102,14 @@ _DEFERRED = {
     "read_deck": "decks.reading",
     "read_inp": "decks.abaqus.deck",
     "read_matrix": "decks.matrices",
+    "write_inp": "decks.abaqus.writing",
 }
 """Name -> module that is loaded when it is asked for: who solves draws nothing, and reads no deck."""
 
 if _TYPE_CHECKING:
     from dolfinx_frontend import figures
     from dolfinx_frontend.decks.abaqus.deck import InpDeck, read_inp
+    from dolfinx_frontend.decks.abaqus.writing import write_inp
     from dolfinx_frontend.decks.matrices import read_matrix
     from dolfinx_frontend.decks.nastran.deck import BdfDeck, read_bdf
     from dolfinx_frontend.decks.reading import read_deck
@@ -230,4 +232,5 @@ __all__ = [
     "sparse_quadrature",
     "sweep",
     "tensor_quadrature",
+    "write_inp",
 ]

@@ -18,6 +18,9 @@ class _Deferred(ModuleType):
     def __getattr__(self, name: str) -> Any:
         return getattr(import_module(self.__name__), name)
 
+    def __dir__(self) -> list[str]:
+        return dir(import_module(self.__name__))
+
 
 if TYPE_CHECKING:
     import scipy.sparse as sp

@@ -17,6 +17,7 @@ from latin_core import __version__
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.common.files import Files, write_text
 from dolfinx_frontend.common.interrupts import as_interrupt
+from dolfinx_frontend.decks.abaqus.writing import write_inp
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.decks.proposing import proposed
 from dolfinx_frontend.decks.reading import READERS, read_deck
@@ -89,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--samples", type=int, help="Sobol points, a power of two")
     run.add_argument("-o", "--output", type=Path, help="folder of the results; default: the name of the deck")
     run.add_argument("--json", action="store_true", help="the record on the standard output, not tables")
-    convert = verb("convert", "write a deck in another form: .toml, or a folder for latin_run")
+    convert = verb("convert", "write a deck in another form: .toml, .inp, or a folder for latin_run")
     convert.add_argument("source", type=Path)
     convert.add_argument("target", type=Path)
     show = verb("show", "print the tables of a folder of results")
@@ -184,17 +185,21 @@ def _run(given: argparse.Namespace) -> int:
 
 
 def _convert(given: argparse.Namespace) -> int:
-    deck = _read(given, given.source)
     target: Path = given.target
+    if target.resolve() == given.source.resolve():
+        raise DeckError(f"{target} is the deck itself: give the other one another name")
+    deck = _read(given, given.source)
     if target.suffix.lower() == ".toml":
         beside = {"run": deck.run, "asked": deck.asked, "units": deck.units, "title": deck.title}
         write_deck(deck.scene, target, **beside)
+    elif target.suffix.lower() == ".inp":
+        write_inp(assemble(deck.scene), target, deck.run.get("times"))
     elif not target.suffix:
         times = deck.run.get("times")
         given_times = {} if times is None else {"times": times}
         export(assemble(deck.scene), target, options=deck.options, **given_times)
     else:
-        raise DeckError(f"{target.name}: write a deck as .toml, or a folder for latin_run")
+        raise DeckError(f"{target.name}: write a deck as .toml, as .inp, or a folder for latin_run")
     print(f"wrote {target}")
     return DONE
 

@@ -92,7 +92,8 @@ def read_matrix(
     if read is None:
         raise DeckError(
             f"{where.name}: an ending {where.suffix!r} is not known; matrices are read from "
-            f"{', '.join(_READERS)}"
+            f"{', '.join(_READERS)}; of Ansys (.sub, .full) export it as text, *DMAT or *SMAT and *EXPORT "
+            "with MMF, and give lf.Matrix(scipy.io.mmread(file), points)"
         )
     return _made(where.name, read(where, name), points, faces, loads)
 

@@ -31,7 +31,9 @@ def _foreign(path: Path, deck: InpDeck) -> Deck:
     return Deck(deck.scene(), run=run, title=deck.name, path=path, notes=notes)
 
 
-READERS: dict[str, Callable[[Path, bool], Deck]] = {".bdf": _bdf, ".inp": _inp, ".toml": toml.read}
+READERS: dict[str, Callable[[Path, bool], Deck]] = {
+    ".bdf": _bdf, ".dat": _bdf, ".nas": _bdf, ".inp": _inp, ".toml": toml.read,
+}
 """Suffix of a file -> its reader, which takes the path and whether code may be executed."""
 
 

@@ -7,7 +7,7 @@ import platform
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from dolfinx_frontend.common.errors import BalanceError, SceneError
 from dolfinx_frontend.common.files import write_text
 from dolfinx_frontend.common.statuses import INEXACT, NO_EQUILIBRIUM, SLIDES, UNDECIDED, UNDETERMINED
 from dolfinx_frontend.decks.settings import OPTIONS, Asked, Deck
+from dolfinx_frontend.kernel.running import points_kept
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.sheets.names import units_of
 from dolfinx_frontend.solving import quasi_monte_carlo, solve
@@ -104,13 +105,14 @@ class Run:
 def run_deck(deck: Deck, folder: Path | None, phase: Callable[[str], None]) -> Run:
     """Solve a deck and write ``result.json`` and ``result.h5`` into a folder (None: nothing is written).
 
-    A run of samples that was killed goes on with those that are finished.
+    A run that was killed goes on with the points that are finished.
     """
     began, run = time.monotonic(), Run()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            run.answer = _answer(deck, folder, phase)
+            with nullcontext() if folder is None else points_kept(folder / POINTS):
+                run.answer = _answer(deck, phase)
             phase("results")
             _judge(run, deck)
         except (*_KNOWN, MemoryError, KeyboardInterrupt) as error:
@@ -125,7 +127,7 @@ def run_deck(deck: Deck, folder: Path | None, phase: Callable[[str], None]) -> R
     return run
 
 
-def _answer(deck: Deck, folder: Path | None, phase: Callable[[str], None]) -> Any:
+def _answer(deck: Deck, phase: Callable[[str], None]) -> Any:
     ours = (*OPTIONS, "samples", "seed")
     settings: dict[str, Any] = {name: value for name, value in deck.run.items() if name not in ours}
     settings |= {"options": deck.options, "progress": True}
@@ -146,8 +148,7 @@ def _answer(deck: Deck, folder: Path | None, phase: Callable[[str], None]) -> An
         return solve(problem, **settings)
     phase("samples")
     count, seed = deck.run["samples"], deck.run.get("seed", 0)
-    points = None if folder is None else folder / POINTS
-    return quasi_monte_carlo(problem, count, seed=seed, checkpoint=points, **settings)
+    return quasi_monte_carlo(problem, count, seed=seed, **settings)
 
 
 def _judge(run: Run, deck: Deck) -> None:

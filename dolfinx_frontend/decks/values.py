@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from latin_core import InputError
-from scipy import stats
 
+from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.formulas import evaluated
 from dolfinx_frontend.decks.kinds import ANY, misfit, of_type
@@ -83,12 +83,17 @@ class Values:
         for name, value in self.section("material"):
             self.materials[name], rest = self.object("material", self.table(value, ("material", name)),
                                                      ("material", name))
-            self.refuse(rest, ("material", name), ())
+            made: Any = type(self.materials[name])
+            fields = words(made) if made in CLASSES["material"].values() else {}
+            self.refuse(rest, ("material", name), ("material", *fields))
 
     # --- tables ---------------------------------------------------------------------------------
     def section(self, name: str) -> list[tuple[str, Any]]:
         """The entries of a table of named things."""
-        return list(self.table(self.text.data.get(name, {}), (name,)).items())
+        found = self.text.data.get(name, {})
+        if not isinstance(found, dict):
+            raise self.text.error((name,), f"{name} is no list: each has a name, write [{name}.NAME]")
+        return list(found.items())
 
     def tables(
         self, name: str, data: Mapping[str, Any] | None = None, at: Place = ()

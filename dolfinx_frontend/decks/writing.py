@@ -142,8 +142,9 @@ class Writer:
         if isinstance(part, Matrix):
             raise SceneError(f"{where}: a deck has no words for a Matrix: keep the scene in Python")
         raise SceneError(
-            f"{where}: its mesh was made in Python, which a deck cannot hold: write it to a file with "
-            "physical groups (gmsh.write('parts.msh')) and read that, geometry.read_msh('parts.msh')"
+            f"{where}: its mesh was made in Python, or is that of an .inp or .bdf, which a deck cannot hold: "
+            "write it to a file with physical groups (gmsh.write('parts.msh')) and read that, "
+            "geometry.read_msh('parts.msh'), or go on in Python with lf.read_deck(...).scene"
         )
 
     def _material(self, material: Any, where: str) -> dict[str, Any]:

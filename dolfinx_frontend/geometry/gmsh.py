@@ -17,6 +17,7 @@ from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, v
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.recorded import Call, mark
+from dolfinx_frontend.geometry import med
 from dolfinx_frontend.geometry.away import TIMEOUT, alone, away
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.msh import check_begin
@@ -186,10 +187,11 @@ def _check_faces(
 
 
 def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None = TIMEOUT) -> Assembly:
-    """The parts of a gmsh file with physical groups, see :func:`from_gmsh`.
+    """The parts of a file of gmsh with physical groups, see :func:`from_gmsh`, or of Salome with groups.
 
-    MSH 2.2 and 4.1, text or binary. A copy of the file is read in a process of its own: a damaged one may end
-    it, and gmsh executes what is no mesh, or has a certain name beside one.
+    MSH 2.2 and 4.1, text or binary; ``.med`` by meshio, whose groups are as physical groups. A copy of the
+    file is read in a process of its own: a damaged one may end it, and gmsh executes what is no mesh, or has
+    a certain name beside one.
 
     Parameters
     ----------
@@ -206,10 +208,10 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
         With the name of the file: it is not there, cannot be read, or holds what :func:`from_gmsh` refuses.
     """
     file = checked_path("read_msh", path)
-    with alone(file, "file.msh", check_begin) as copy:
-        model: Meshed = away(
-            "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=copy
-        )
+    salome = file.suffix.lower() == ".med"
+    task, check = ("med_file", med.check_begin) if salome else ("mesh_file", check_begin)
+    with alone(file, f"file{'.med' if salome else '.msh'}", check) as copy:
+        model: Meshed = away(task, file, "cannot be read as a mesh", "write it again", timeout, path=copy)
     try:
         assembly = assembled(model, gdim)
         for name, part in assembly.parts.items():

@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Meshed", "meshed"]
+__all__ = ["Meshed", "checked", "meshed"]
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,18 @@ def meshed(model: Any) -> Meshed:
     x = np.array(x, dtype=np.float64).reshape(-1, 3)
     kinds: dict[int, str] = {}
 
-    def found(d: int, groups: dict[str, Sequence[int]], what: str) -> dict[str, dict[int, Ints]]:
-        return {
-            name: _elements(model, d, tags, row, x, kinds, f"the {what} {name!r}")
-            for name, tags in groups.items()
-        }
+    def found(d: int, groups: dict[str, Sequence[int]]) -> dict[str, dict[int, Ints]]:
+        return {name: _elements(model, d, tags, row, kinds) for name, tags in groups.items()}
 
-    out = Meshed(dim, x, found(dim, cells, "part"), found(dim - 1, facets, "face"), kinds)
+    return checked(Meshed(dim, x, found(dim, cells), found(dim - 1, facets), kinds))
+
+
+def checked(out: Meshed) -> Meshed:
+    """The same; what makes no mesh is refused."""
+    for what, groups in (("part", out.cells), ("face", out.facets)):
+        for name, blocks in groups.items():
+            for nodes in blocks.values():
+                _check(nodes, out.x, f"the {what} {name!r}")
     for name, blocks in out.cells.items():
         for kind, nodes in blocks.items():
             if count := len(nodes) - len(np.unique(_keys(nodes))):  # dolfinx may end the process for them
@@ -113,9 +118,7 @@ def _elements(
     dim: int,
     entities: Sequence[int],
     row: Callable[[Any], Ints],
-    x: Array,
     kinds: dict[int, str],
-    where: str,
 ) -> dict[int, Ints]:
     """gmsh element type -> nodes of its elements on these entities, (elements, nodes)."""
     found: dict[int, list[Ints]] = {}
@@ -123,9 +126,7 @@ def _elements(
         types, _, nodes = model.mesh.getElements(dim, entity)
         for kind, tags in zip(types, nodes, strict=True):
             kinds[int(kind)], _, _, width, _, _ = model.mesh.getElementProperties(kind)
-            rows = row(tags).reshape(-1, width)
-            _check(rows, x, where)
-            found.setdefault(int(kind), []).append(rows)
+            found.setdefault(int(kind), []).append(row(tags).reshape(-1, width))
     return {kind: np.concatenate(rows) for kind, rows in found.items()}
 
 

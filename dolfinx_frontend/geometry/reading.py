@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.med import med_mesh
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.meshing import OPTIONS, generate
 from dolfinx_frontend.geometry.msh import checked_copy
@@ -217,5 +218,13 @@ def _set_sizes(model: Any, loaded: Loaded, recipe: Recipe) -> None:
     field.setAsBackgroundMesh(smallest)
 
 
-TASKS: dict[str, Callable[..., Any]] = {"survey": survey, "mesh": mesh, "mesh_file": mesh_file}
+def med_file(say: Say, path: Path) -> Meshed:
+    """The mesh in a file of Salome: the HDF5 library never returns from some damaged ones."""
+    say("reading the mesh")
+    return med_mesh(path)
+
+
+TASKS: dict[str, Callable[..., Any]] = {
+    "survey": survey, "mesh": mesh, "mesh_file": mesh_file, "med_file": med_file,
+}
 """What the other process can be asked for."""

@@ -3,8 +3,11 @@ point of a walk, is answered."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple, Unpack
@@ -29,7 +32,9 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.rows import Rows
+from dolfinx_frontend.kernel.running import FOLDER
 from dolfinx_frontend.kernel.solver import OfWalk, Solver, locked
 from dolfinx_frontend.kernel.spread import PointRanks, agreed_over
 from dolfinx_frontend.kernel.subspace import Answer, Bodies, Subspace
@@ -547,6 +552,9 @@ def walked(
     NumericalError
         The cycles of multigrid do not converge.
     """
+    folder = FOLDER.get()
+    if folder is not None and checkpoint is None and ranks is None and not more.get("outputs"):
+        checkpoint, more = _kept_in(folder, solver, parameters, options, more)
     if solver.space is None:
         points = solver.walk(
             solver.laws, amplitudes, parameters, order, options, checkpoint=checkpoint, ranks=ranks, **more
@@ -556,6 +564,20 @@ def walked(
     own = _Walk(amplitudes, parameters, half, SHARE * options.rtol, more.get("callback"))
     with meeting_often(solver.problem.comm):
         return _walked_in_basis(solver, own, order, checkpoint, ranks, more)
+
+
+def _kept_in(
+    folder: Path, solver: Solver, parameters: Sequence[SweptParameter], options: Options, more: OfWalk
+) -> tuple[Path | None, OfWalk]:
+    """The file of a walk, by all that its answers depend on, and what it says of it."""
+    plan = replace(solver.plan, options=options)
+    try:
+        header = {"run": "walk", **fingerprint(solver.problem, plan, parameters)}
+    except SceneError:  # a function that cannot be told apart from another one
+        return None, more
+    name = hashlib.sha256(json.dumps(header).encode()).hexdigest()[:16]
+    folder.mkdir(exist_ok=True)
+    return folder / name, {**more, "header": header}
 
 
 @alone

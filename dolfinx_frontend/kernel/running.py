@@ -14,6 +14,10 @@ best answer so far (:mod:`dolfinx_frontend.common.interrupts`).
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,9 +26,25 @@ from latin_core import Options
 from dolfinx_frontend.common.checks import checked_callable, checked_flag
 from dolfinx_frontend.common.interrupts import Interrupt, Interrupted
 
-__all__ = ["Interrupt", "Interrupted", "check_running", "report_points", "within"]
+__all__ = ["FOLDER", "Interrupt", "Interrupted", "check_running", "points_kept", "report_points", "within"]
 
 _log = logging.getLogger(__name__)
+
+FOLDER: ContextVar[Path | None] = ContextVar("folder of points", default=None)
+"""Where walks over points keep these, see :func:`points_kept`."""
+
+
+@contextmanager
+def points_kept(folder: Path) -> Iterator[None]:
+    """Walks over points keep these in files of a folder, and begin with what is there of the same walk.
+
+    What is killed goes on, however many walks it has chosen; files that no walk asks for do no harm.
+    """
+    mark = FOLDER.set(folder)
+    try:
+        yield
+    finally:
+        FOLDER.reset(mark)
 
 
 def check_running(where: str, callback: object, progress: object, **flags: object) -> None:
@@ -51,7 +71,9 @@ def report_points(what: str, interrupt: Interrupt, points: Any, checkpoint: obje
     if done < count and interrupt.pressed and not interrupt.told:
         _log.info("%s: Ctrl-C after %d of %d points", what, done, count)  # its caller says what comes of it
     elif done < count:
-        kept = "the checkpoint has them: the same call goes on" if checkpoint else "give checkpoint= to go on"
+        kept = "give checkpoint= to go on"
+        if checkpoint or FOLDER.get():
+            kept = "the checkpoint has them: the same call goes on"
         _log.warning("%s: interrupted after %d of %d points (%s)", what, done, count, kept)
     elif interrupt.told:
         _log.warning("Ctrl-C came when all points were done; press it twice to end the program")

@@ -253,7 +253,8 @@ def _held_classes(
         what.append(np.full(len(local), k))
         rows.append(directions)
         values.append(value - shift[who[-1]] @ directions.T)
-    largest = max((float(np.abs(each).max(initial=0.0)) for each in values), default=0.0)
+    # a jump along a support leaves no more than its rounding there
+    largest = max(float(np.abs(each).max(initial=0.0)) for each in (shift, *values))
     node, index = np.concatenate(who), np.concatenate(what)
     place = np.concatenate([np.arange(len(w)) for w in who])
     # entries of a class in the order of interfaces: nodes with the same set form one group

@@ -252,6 +252,10 @@ WRONG = {
     ("rtol = 1e-9", "rtol = 3.0"): r"small.toml:4: .*rtol",
     ('"layer.pressure_max"', '"layr.pressure_max"'): r"small.toml:7: .*did you mean 'layer'",
     ("gap = 0.0", "gap = 0.0\ngap = 1.0"): r"small.toml:2[567]: this is no TOML",
+    ("[interface.layer]", "[[interface]]"): r"small.toml:21: .*no list.*write \[interface.NAME\]",
+    ("[sub", "[material.m]\nmaterial = 'LinearElastic'\nE = 1\nnu = 0\nrho = 1\n[sub"): (
+        r"small.toml:13: unknown key 'rho' in \[material.m\]; known: 'material', 'E', 'nu', 'plane', 'alpha'"
+    ),
 }
 
 
@@ -334,7 +338,10 @@ def test_convert_and_schema(deck: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert (one.run, one.asked, one.units) == (two.run, two.asked, two.units)
     assert main(["convert", str(deck), str(tmp_path / "study")]) == 0
     assert (tmp_path / "study").is_dir()
+    text = deck.read_text()
     capsys.readouterr()
+    assert main(["convert", str(deck), str(deck.parent / "." / deck.name)]) == 2  # not over itself
+    assert "is the deck itself" in capsys.readouterr().err and deck.read_text() == text
     assert main(["schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
     table = schema["properties"]["interface"]["additionalProperties"]
@@ -344,34 +351,43 @@ def test_convert_and_schema(deck: Path, tmp_path: Path, capsys: pytest.CaptureFi
         assert word in json.dumps(table)
 
 
-def test_killed_runs_go_on(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "dolfinx_frontend.decks.command", "run", str(DEMO), "--samples", "1024"]
-    command += ["-o", str(tmp_path / "out"), "--json"]
-    killed = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    points = tmp_path / "out" / "points"
-    while killed.poll() is None and not (points.exists() and points.stat().st_size > 20000):
+WALKS = f"points/{'[0-9a-f]' * 16}"
+"""Without the journals beside them, which come and go."""
+
+
+def ended_after_some_points(command: list[str], folder: Path, number: int) -> tuple[int, str]:
+    """Exit code and words of a run that got a signal when some points were in the folder."""
+    run = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while run.poll() is None and not any(p.stat().st_size > 20000 for p in folder.glob(WALKS)):
         time.sleep(0.05)
-    killed.kill()
-    killed.wait()
-    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "running"
+    run.send_signal(number)
+    _, said = run.communicate(timeout=200)
+    return run.returncode, said
+
+
+@pytest.mark.parametrize("way", [["--samples", "512"], ["--accuracy", "1%"]])
+def test_killed_runs_go_on(tmp_path: Path, way: list[str]) -> None:
+    """The same walks over points are made, and begin with the points that are there."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "dolfinx_frontend.decks.command", "run", str(DEMO), *way]
+    command += ["-o", str(out), "--json"]
+    assert ended_after_some_points(command, out, signal.SIGKILL)[0] == -signal.SIGKILL
+    assert json.loads((out / "result.json").read_text())["status"] == "running"
+    begun = {each.name: each.stat().st_size for each in out.glob(WALKS)}
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200)
-    assert done.returncode == 0, done.stderr
-    assert len(json.loads(done.stdout)["statuses"]) == 1024
+    assert done.returncode in (0, 4), done.stderr  # 4: one per cent is more than the kink of the joint allows
+    assert all((out / "points" / name).stat().st_size > size for name, size in begun.items())
+    assert set(json.loads(done.stdout)["statuses"]) == {"converged"}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_run_that_is_ended_says_so(tmp_path: Path, number: int) -> None:
     """The samples so far are kept, and the record says how it ended."""
+    out = tmp_path / "out"
     command = [sys.executable, "-m", "dolfinx_frontend.decks.command", "run", str(DEMO)]
-    command += ["--samples", "65536", "-o", str(tmp_path / "out")]
-    ended = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    points = tmp_path / "out" / "points"
-    while ended.poll() is None and not (points.exists() and points.stat().st_size > 20000):
-        time.sleep(0.05)
-    ended.send_signal(number)
-    _, said = ended.communicate(timeout=200)
-    record = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert ended.returncode == 130 == record["exit_code"], said
+    code, said = ended_after_some_points([*command, "--samples", "65536", "-o", str(out)], out, number)
+    record = json.loads((out / "result.json").read_text())
+    assert code == 130 == record["exit_code"], said
     assert record["status"] == "interrupted" and record["message"] and "Traceback" not in said
 
 

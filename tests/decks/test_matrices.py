@@ -165,6 +165,7 @@ def with_text(path, text):
     ("file", "change", "said"),
     [
         ("a.txt", None, "an ending '.txt' is not known"),
+        ("a.sub", None, "of Ansys .* export it as text"),
         ("a.mtx", ("** 7, 3, 12, 5", "** 7, 3, 12"), "4 nodes, of which 3 are named"),
         ("a.mtx", ("1, 2, 3", "1, 2"), "78 entries, and one half of a matrix with 8 rows has 36"),
         ("a.mtx", ("1, 2, 3", "1, 2, 2"), "a component of a node is there twice"),
@@ -182,7 +183,7 @@ def with_text(path, text):
     ],
 )
 def test_what_cannot_be_read_is_said_with_its_line(file, change, said, tmp_path):
-    writers = {".mtx": mtx, ".pch": dmig, ".op4": op4, ".txt": mtx}
+    writers = {".mtx": mtx, ".pch": dmig, ".op4": op4, ".txt": mtx, ".sub": mtx}
     path = writers[file[-4:]](tmp_path / file)
     if change is not None:
         text = path.read_text()

@@ -222,7 +222,7 @@ def test_the_command_runs_it(tmp_path, capsys):
     cards, layers = bar()
     top = layers[float(COUNT)]
     cards += [f"PLOAD4,2,{COUNT},-50.,,,,{top[0]},{top[3]}"]
-    path = deck(tmp_path / "bar.bdf", cards)
+    path = deck(tmp_path / "bar.dat", cards)
     assert command.main(["check", str(path)]) == 0
     assert command.main(["run", str(path), "-o", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "result.json").exists()

@@ -142,6 +142,21 @@ def test_contradicting_displacements_are_refused_whatever_is_kept(active):
 
 
 @pytest.mark.parametrize("active", [None, "all"])
+def test_a_jump_along_a_symmetry_plane_is_no_contradiction(active):
+    """A bar between walls, cut and shortened by s in directions that are rounded: E A s / L pulls at them."""
+    scene, turn = Scene(), np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        half = geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0))
+        half.mesh.geometry.x[:, :2] = half.mesh.geometry.x[:, :2] @ turn
+        scene.substructure(name, half, LinearElastic(2e5, 0.0))
+    scene.interface("cut", "a:x1", "b:x0", Perfect(jump=-1e-3))
+    scene.symmetry(["a:y0", "b:y0"])
+    scene.fix(["a:x0", "b:x1"], name="walls")
+    result = lf.solve(assemble(scene), active=active)
+    assert result.table("cut")["normal"] == pytest.approx([2e5 * 1e-3 / 2.0], rel=1e-6)
+
+
+@pytest.mark.parametrize("active", [None, "all"])
 @pytest.mark.parametrize("off", [0.0, 1e-3])
 @pytest.mark.parametrize("support", ["point", "face", "ground"])
 @pytest.mark.parametrize("tie", ["rigid", "plane"])

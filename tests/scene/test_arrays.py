@@ -136,7 +136,7 @@ NO_ARRAYS = (
     "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
     "export geometry io "
     "load make_plan monte_carlo progress quasi_monte_carlo read_step reference sparse_quadrature "
-    "BdfDeck InpDeck read_bdf read_deck read_inp read_matrix "
+    "BdfDeck InpDeck read_bdf read_deck read_inp read_matrix write_inp "
     "DistributionFit Report Screening report screen "
     "Evaluation Event Fit KinkWarning Posterior ProblemFunction Reliability Response reliability "
     "Measure Quantile tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"

@@ -1,4 +1,4 @@
-"""Abaqus and CalculiX decks (``.inp``): cards -> model -> pieces -> scene.
+"""Abaqus and CalculiX decks (``.inp``): cards -> model -> pieces -> scene, and back.
 
 ========================  ==========================================================================
 :mod:`.cards`             keyword blocks with their lines; nothing is understood
@@ -14,5 +14,7 @@
 :mod:`.interfaces`        contact pairs, ties, pre-tension sections, rigid bodies
 :mod:`.loads`             supports, forces, pressures, temperatures
 :mod:`.deck`              :func:`read_inp`
+:mod:`.meshed`            a part as a deck has it
+:mod:`.writing`           :func:`write_inp`
 ========================  ==========================================================================
 """

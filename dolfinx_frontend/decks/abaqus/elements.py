@@ -10,11 +10,14 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp
 
-__all__ = ["FACES", "KINDS", "Kind", "REFERENCE_NODES", "RODS", "face_nodes", "listed", "middles"]
+__all__ = [
+    "CORNERS", "EDGES", "FACES", "KINDS", "REFERENCE_NODES", "RODS", "Kind", "face_nodes", "listed",
+    "middles",
+]
 
 
 class Kind(NamedTuple):
@@ -89,7 +92,7 @@ FACES: dict[str, tuple[tuple[int, ...], ...]] = {
 }
 """Corners of the faces S1, S2, ... of a cell."""
 
-_EDGES: dict[str, tuple[tuple[int, int], ...]] = {
+EDGES: dict[str, tuple[tuple[int, int], ...]] = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
     "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
     "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
@@ -117,7 +120,7 @@ def face_nodes(kind: Kind) -> list[list[int]]:
     if kind.order == 1:
         return [list(face) for face in FACES[kind.cell]]
     first = CORNERS[kind.cell]
-    edges = _EDGES[kind.cell]
+    edges = EDGES[kind.cell]
     return [
         [*face, *(first + k for k, ends in enumerate(edges) if set(ends) <= set(face))]
         for face in FACES[kind.cell]

@@ -55,6 +55,13 @@ class Facets:
         self.normals: Array = np.where(out[:, None], normals, -normals)
         self.radii: Array = np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
 
+    def meshed_as(self, other: Facets) -> bool:
+        """Whether the nodes of two surfaces are at the same places."""
+        if len(self.nodes) != len(other.nodes) or len(self.radii) != len(other.radii):
+            return False
+        away = cKDTree(self.mesh.x[self.nodes]).query(self.mesh.x[other.nodes])[0]
+        return float(away.max()) < _WITHIN * float(self.radii.min())
+
     def under(self, points: Array) -> tuple[Array, Ints, Array]:
         """Facets near points (n, 3): distances along their normals (n, m), their numbers, and distances
         beside their centres."""

@@ -472,7 +472,7 @@ class Joints:
 
     @staticmethod
     def _settings(joint: Joint, ours: Facets, theirs: Facets) -> dict[str, Any]:
-        if joint.matching:
+        if joint.matching or ours.meshed_as(theirs):
             return {}
         if joint.reach is None:
             return {"overlap": "partial"}

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.cards import Card, Where
 from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, Kind, face_nodes, listed, middles

@@ -211,6 +211,10 @@ class Preload(Law):
                 total = total + unit * (float(evaluate(value, np.zeros((1, 1)), 1, f"Preload, {name}")[0, 0]))
         return np.asarray(total, dtype=np.float64)
 
+    def shortened(self) -> float:
+        """Length by which it is shortened; random values at their means."""
+        return -float(self._slack_of({}))
+
     def derived(self) -> dict[str, tuple[tuple[str, ...], Callable[[Mapping[str, Array]], Array]]]:
         found: dict[str, tuple[tuple[str, ...], Callable[[Mapping[str, Array]], Array]]] = {}
         if self.torque is not None:
