@@ -231,8 +231,8 @@ def by_panels(
 
         wrong = [leaf.error for leaf in leaves]
         if not smooth:
-            kinks, off = kinks_at_ends(leaves), off_witnesses(leaves, seen, space)
-            wrong = [sum(each) for each in zip(wrong, kinks, off, strict=True)]
+            more = zip(kinks_at_ends(leaves), off_witnesses(leaves, seen, space), strict=True)
+            wrong = [error + at_kinks + beside for error, (at_kinks, beside) in zip(wrong, more, strict=True)]
         of_mean, of_std = relative(np.sum(wrong, axis=0))
         of_tails = relative(of_beyond)
         if value.mean == 0.0 and not value.std and np.isfinite(of_mean):

@@ -266,8 +266,8 @@ def misfit_of_halves(parent: Array, halves: Array) -> Array:
 
 
 def off_witnesses(panels: Sequence[Panel], seen: Witnesses, space: RandomSpace) -> list[Array]:
-    """(3,) errors of the sums over panels by what witnesses differ from their polynomials, each of which stands
-    for its share of the probability, but no more than the panel has."""
+    """(3,) errors of the sums over panels by what witnesses differ from their polynomials, each of which
+    stands for its share of the probability, but no more than the panel has."""
     at, _ = np.polynomial.legendre.leggauss(POINTS)
     own = np.linalg.inv(np.vander(at, POINTS))
     scores, share = normal_scores(space, seen.points)[:, 0], seen.weights + seen.tails
@@ -516,7 +516,8 @@ def _openings(result: ChaosResult, samples: SampleResult) -> tuple[Array, Array]
     Far out along a sum of germs a contact may be open that is closed along each of them.
     """
     space = result.space
-    lines, shares = [np.zeros((0, space.dimension))], [np.zeros(0)]
+    lines: list[Array] = [np.zeros((0, space.dimension))]
+    shares: list[Array] = [np.zeros(0)]
     for reach, along in opening_directions(samples, normal_scores(space, samples.germs)):
         beyond = TAIL[TAIL > reach][:2]
         lines.append(beyond[:, None] * along)
