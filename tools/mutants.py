@@ -200,7 +200,8 @@ class Bench:
             if site.path.endswith(".cpp"):
                 code, words = run(self.scratch, "cmake", "--build", self.cmake, "--target", "latin_tests")
                 if code:
-                    return "broken", next((x for x in words.splitlines() if "error" in x), words[-200:])
+                    reason = next((x for x in words.splitlines() if "error" in x), words[-200:])
+                    return "broken", reason.replace(f"{self.scratch}/", "")
                 if hashlib.sha256(self.program.read_bytes()).hexdigest() == self.binary:
                     return "equivalent", "the same program"
             try:
