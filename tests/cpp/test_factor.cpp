@@ -301,3 +301,19 @@ TEST(Elimination, CondensesWhatIsLoose) {
     EXPECT_THROW(latin::algebra::Elimination(loose, 2, backend, "bar"), latin::NumericalError);
   }
 }
+
+TEST(Factor, TellsTheSmallestPivot) {
+  // two unknowns that all but move together, beside one that is alone: 1 - c^2 is left of the last pivot
+  const double c = 1.0 - 1e-6;
+  std::vector<Eigen::Triplet<double>> entries{{0, 0, 4.0}, {1, 1, 1.0}, {2, 1, c}, {2, 2, 1.0}};
+  latin::SparseRows matrix(3, 3);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  for (const FactorBackend backend : backends()) {
+    const auto factor = latin::algebra::factorise(matrix, 0, backend, "pair");
+    const double told = factor->least_pivot();
+    EXPECT_TRUE(told == 1.0 || std::abs(told - (1.0 - c * c)) < 1e-12) << factor->backend();
+    if (factor->backend().find("cholmod") != std::string::npos) {
+      EXPECT_NE(told, 1.0);
+    }
+  }
+}
