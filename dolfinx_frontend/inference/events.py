@@ -73,7 +73,7 @@ class Response(Arithmetic):
 
         Unlike the gap, which is zero as long as it is closed, and the force, which is zero as soon as it is
         open, it tells on both sides how far it is to the limit: closed points count by their pressure,
-        divided by a constant stiffness.
+        divided by a constant stiffness, that of the contact and of the parts beside it in series.
 
         Parameters
         ----------
@@ -271,8 +271,10 @@ class _Opening:
             raise SceneError(f"Response.opening: the clearance of {self.interface!r} is not known here")
         normal = force[:, -1, :, 0]
         gap = jump[:, -1, :, 0] + np.broadcast_to(contact.clearance, (*jump.shape[:2], jump.shape[2]))[:, -1]
-        # pressures as lengths, by a constant that depends on nothing that is random
+        # pressures as lengths, by a constant that depends on nothing that is random: bodies and law in series
+        interface = answer.problem.interfaces[self.interface]
         soft = float(np.mean(answer.solver.flexibility(self.interface)))
+        soft += float(np.mean(interface.law.nominal.fields(interface).parameters.get("compliance", 0.0)))
         margin = np.where(normal < 0.0, soft * normal, np.maximum(gap, 0.0))
         # a mean beside the extreme would depend on the mesh: it is the point that decides
         return np.asarray(margin.min(axis=1) if self.where == "everywhere" else margin.max(axis=1))

@@ -198,3 +198,20 @@ def test_a_search_that_meets_points_without_an_answer() -> None:
     exact = float(load.sf(300.0 / (40.0 / 200e3 + 1.0 / layer.ppf(share))).mean())
     assert found.probability.low <= exact <= found.probability.high and found.method == "importance"
     assert found.lost == 0
+
+
+@pytest.mark.parametrize("modulus", [1e6, 1e9])
+def test_the_design_point_of_stiff_parts(modulus: float) -> None:
+    """The limit Q = K D does not know how stiff the parts are beside the joint."""
+    scene = lf.Scene()
+    for name, x0 in (("left", 0.0), ("right", 1.0)):
+        part = geometry.box((1.0, 1.0), (1, 1), origin=(x0, 0.0))
+        scene.substructure(name, part, lf.LinearElastic(E=modulus, nu=0.0), degree=1)
+    scene.symmetry(["left:y0", "right:y0"])
+    scene.interface("joint", "left:x1", "right:x0", lf.Contact(stiffness=4e5))
+    bolt = lf.Elastic(normal=lf.LogNormal("K", K, cov=K_COV), jump=-lf.LogNormal("D", D, cov=D_COV))
+    scene.interface("bolt", "left:x1", "right:x0", bolt)
+    scene.fix("left:x0", components=0)
+    scene.traction("right:x1", (lf.LogNormal("Q", RARE, cov=Q_COV), 0.0), name="load")
+    found = reliability(lf.assemble(scene), opens(), "form")
+    assert found.first_order == pytest.approx(exact(RARE), rel=1e-3)
