@@ -589,8 +589,8 @@ class ChaosResult(Result, StochasticResult):
         """A scalar quantity of interest, evaluated at random samples of the chaos, see
         :meth:`Result.quantity`.
 
-        Its probabilities and quantiles solve some of these samples, and their intervals carry the error of the
-        chaos: see :class:`WitnessedQuantity`. On several ranks they do not.
+        Its probabilities and quantiles solve some of these samples, and their intervals carry the error of
+        the chaos: see :class:`WitnessedQuantity`. On several ranks they do not.
         """
         found = super().quantity(function, name, unit, samples, seed, step)
         if self.problem.comm is not None:
