@@ -479,9 +479,10 @@ def _seen(
     weights = np.concatenate([weights / weights.sum(), np.zeros(int(good.sum()))])
     samples = solve(result, points, np.ones(len(points)), rtol, quantity)
     complete(samples)
-    found = Witnesses(points, weights, tails, quantity.at_end(samples, samples), all_states_of(samples))
-    found = with_unmet_states(result, samples, found, solve, rtol, quantity, complete)
-    return found if points.shape[1] == 1 else found._replace(states=np.zeros((0, 0)))
+    found = Witnesses(points, weights, tails, quantity.at_end(samples, samples))
+    if points.shape[1] == 1:
+        found = found._replace(states=all_states_of(samples))
+    return with_unmet_states(result, samples, found, solve, rtol, quantity, complete)
 
 
 def with_unmet_states(
@@ -518,12 +519,11 @@ def _openings(result: ChaosResult, samples: SampleResult) -> tuple[Array, Array]
     space = result.space
     lines: list[Array] = [np.zeros((0, space.dimension))]
     shares: list[Array] = [np.zeros(0)]
-    for reach, along in opening_directions(samples, normal_scores(space, samples.germs)):
+    several = space.dimension > 1
+    for reach, along in opening_directions(samples, normal_scores(space, samples.germs)) if several else ():
         beyond = TAIL[TAIL > reach][:2]
         lines.append(beyond[:, None] * along)
         shares.append(_shares(beyond))
-    if space.dimension == 1 or not sum(map(len, lines)):
-        return np.zeros((0, space.dimension)), np.zeros(0)
     return space.from_normal(np.concatenate(lines)), np.concatenate(shares)
 
 

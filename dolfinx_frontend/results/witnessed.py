@@ -129,6 +129,11 @@ class _Doubt(NamedTuple):
     hits: int
 
 
+def _likely(doubt: _Doubt, side: bool) -> float:
+    """Chance that a sample in doubt is inside."""
+    return doubt.hits / doubt.looked if doubt.looked else float(side)
+
+
 class _Strata:
     """Samples by their distance from a limit, and what solves have said of them."""
 
@@ -183,7 +188,7 @@ class _Strata:
             near, looked, hits = self.doubt(number)
             spread = float(stats.beta(hits + 0.5, looked - hits + 0.5).std())
             spreads[number] = (len(near) - looked) / self.count * spread
-        value = float(self._totals(lambda doubt, _: doubt.hits / max(doubt.looked, 1)))
+        value = float(self._totals(_likely))
         own = math.sqrt(max(value * (1.0 - value), 1.0 / self.count) / self.count)
         worst = int(np.argmax(spreads))
         return worst if math.hypot(*spreads) > own and spreads[worst] > 0.0 else None
@@ -226,7 +231,7 @@ class _Strata:
             return chance
 
         tail = 0.5 * (1.0 - level)
-        value = float(self._totals(lambda doubt, side: doubt.hits / doubt.looked if doubt.looked else side))
+        value = float(self._totals(_likely))
         low = float(np.quantile(self._totals(end(False), shares), tail))
         high = float(np.quantile(self._totals(end(True), shares), 1.0 - tail))
         # where nothing is inside, the rule of three

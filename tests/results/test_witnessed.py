@@ -15,6 +15,8 @@ from tests.inference.joints import D_COV, JOINT, K_COV, Q_COV, D, K, exact, join
 
 Array = npt.NDArray[np.float64]
 LOAD = 5200.0
+ALONE = {1: 0.0, 2: 1.3e-4, 3: 7.0e-4, 4: 8.6e-4}
+"""P by a chaos of a lognormal jump that exceeds its 99.9 % quantile, order by order."""
 
 
 def force(order: int) -> Quantity:
@@ -87,6 +89,8 @@ def test_a_tail_of_linear_laws(order: int, grip: bool) -> None:
     stiffness = np.exp(log_mean - 3.0902323 * log_std)  # below it with probability 1e-3
     limit = 0.5 / (1.0 + 0.1 * stiffness) if grip else 5.0 / stiffness
     opening = lf.solve(lf.assemble(scene), chaos=order).quantity(lambda f: f.jump("spring")[..., 0].mean(-1))
+    if not grip:  # the chaos alone
+        assert Quantity.probability(opening, above=limit).value == pytest.approx(ALONE[order], abs=1e-5)
     found, quantile = opening.probability(above=limit, level=0.99), opening.quantile(0.999, level=0.99)
     assert found.low <= 1e-3 <= found.high
     assert quantile.low <= limit <= quantile.high
