@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/numbers.hpp"
 #include "latin/iteration/newton.hpp"
 
 namespace latin::iteration {
@@ -12,16 +13,16 @@ namespace {
 /// Steps of Newton's with the load as an unknown, and parts of the path of a column.
 constexpr Index most_corrections = 10;
 constexpr Index most_parts = 20000;
-/// An increment damages no more than one point that breaks, or this share of all that are damaged; what is meant of that,
-/// and what is little.
-constexpr double share_of_damaged = 0.05;
-constexpr double meant = 0.5;
-constexpr double little = 0.1;
+/// An increment is to damage as much as one point that breaks, or this share of all that are damaged, and may exceed that.
+constexpr double share_of_damaged = 0.1;
+constexpr double exceeded = 1.25;
 /// From one increment to the next; one that fails is made smaller.
 constexpr double largest_growth = 4.0;
 constexpr double smaller_by = 0.5;
 /// A point is damaged if it loses more of its stiffness than this.
 constexpr double damaged_by = 1e-6;
+/// Integrity of a point is known to this.
+constexpr double of_a_point = 1e-3;
 /// The last that is tried, relative to the first.
 constexpr double least_share = 1e-6;
 /// Jumps are opened by this share to see what bonds at their threshold do when they are damaged.
@@ -178,7 +179,7 @@ Vector Newton::integrity(const Column& column) const {
   return left;
 }
 
-/// Points that are damaged in an increment, relative to what may be.
+/// Points that are damaged in an increment, relative to what is meant.
 double Newton::damage(const Column& from, const Column& to) const {
   const Vector lost = (integrity(from) - integrity(to)).cwiseMax(0.0);
   const Vector before = softening_.cwiseProduct(opening(from));
@@ -195,38 +196,48 @@ double Newton::damage(const Column& from, const Column& to) const {
 double Newton::advance(Course& course, Column& column, double tolerance, Index& steps) {
   Course on = course;
   Column next = column;
-  bool found = dissipate(on, next, energy_, tolerance, steps);
-  double growth = largest_growth;
-  if (found) {
-    const double damaged = damage(column, next);
-    // where the load may have been that of the step on the way, that is looked for with short increments
-    const double rise = on.rate_at_first;
-    const double fall = -on.rate;
-    const bool near = rise > 0.0 && fall > 0.0 &&
-                      fall * course.load + rise * (on.load + fall * energy_) >= rise + fall;
-    found = damaged < (near ? little : 1.0);
-    growth = std::min(largest_growth, damaged > 0.0 ? meant / damaged : largest_growth);
+  if (!dissipate(on, next, energy_, tolerance, steps)) {
+    return smaller_by;
   }
-  if (found && on.load > 1.0) {
-    const double share = (1.0 - course.load) / (on.load - course.load);
-    Column between = column;
-    on = course;
-    load(on, between, 1.0 - course.load);
-    on.load = 1.0;
-    between.y += share * (next.y - column.y);
-    between.motion += share * (next.motion - column.motion);
-    between.jump = column.jump + share * (next.jump - column.jump);
-    next = between;
-    evaluate(next);
-    found = attempt(next, tolerance, {}, steps);
+  const double damaged = damage(column, next);
+  if (damaged >= exceeded) {
+    return smaller_by;
   }
-  if (!found) {
+  // on the way the load changes no faster than at the ends
+  const double most = 0.5 * (course.load + on.load +
+                             energy_ * std::max(std::abs(on.rate_at_first), std::abs(on.rate)));
+  if (most >= 1.0 && !arrive(course, column, on, next, tolerance, steps) && on.load > 1.0) {
     return smaller_by;
   }
   course = on;
   column = next;
   memory_ = after(column);
-  return growth;
+  return damaged > 0.0 ? std::min(largest_growth, 1.0 / damaged) : largest_growth;
+}
+
+/// Looks for the load of the step between two states of the path: less is damaged there than at the later one.
+/// @param on, next the later one; the place on the way if there is one
+bool Newton::arrive(const Course& course, const Column& column, Course& on, Column& next,
+                    double tolerance, Index& steps) {
+  const double left = 1.0 - course.load;
+  const double rise = on.load > 1.0 ? on.load - course.load : energy_ * on.rate_at_first;
+  const double share = rise > left ? left / rise : 0.5;
+  Course there = course;
+  Column between = column;
+  load(there, between, left);
+  there.load = 1.0;
+  between.y += share * (next.y - column.y);
+  between.motion += share * (next.motion - column.motion);
+  between.jump += share * (next.jump - column.jump - (on.load - course.load) * course.jump);
+  evaluate(between);
+  const bool found = attempt(between, tolerance, {}, steps) &&
+                     system_.follow_first(
+                         (integrity(next) - integrity(between)).maxCoeff<keep_nan>()) < of_a_point;
+  if (found) {
+    on = there;
+    next = between;
+  }
+  return found;
 }
 
 /// Until a point is at its strength, where contacts stay as they are.

@@ -115,6 +115,8 @@ class Newton {
   [[nodiscard]] bool follow(const State& state, Column& column, double tolerance, Index& steps);
   [[nodiscard]] Course course_of(const State& state, Column& column);
   [[nodiscard]] double advance(Course& course, Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool arrive(const Course& course, const Column& column, Course& on, Column& next,
+                            double tolerance, Index& steps);
   [[nodiscard]] Vector stiffness_of_bonds(Index index) const;
   [[nodiscard]] Vector integrity(const Column& column) const;
   [[nodiscard]] Vector tension(const Column& column) const;
