@@ -21,6 +21,8 @@ from dolfinx_frontend.common.files import write_text
 from dolfinx_frontend.common.recorded import Call, made_by
 from dolfinx_frontend.decks.formulas import formula, formula_name
 from dolfinx_frontend.decks.words import CLASSES, DISTRIBUTIONS, METHODS, NAMED, OF_STEP, PARTS, words
+from dolfinx_frontend.geometry.gmsh import write_msh
+from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.laws.base import Law
 from dolfinx_frontend.scene.materials import Material
@@ -37,14 +39,21 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def write_deck(scene: Scene, path: str | Path, **beside: Any) -> None:
-    """Write a scene, see :func:`deck_text`.
+    """Write a scene, see :func:`deck_text`, and the meshes that have no words: into a ``.msh`` beside it.
 
     Raises
     ------
     SceneError
         What no deck can hold, or a file that cannot be written.
     """
-    write_text(Path(path), deck_text(scene, Path(path).parent, **beside))
+    deck = Path(path)
+    writer = Writer(deck.parent, deck.with_suffix(".msh"))
+    text = writer.text(scene, **beside)
+    if writer.parts:
+        if (meshes := deck.with_suffix(".msh").absolute()) in writer.files:
+            raise SceneError(f"to_deck: other parts are read from {meshes.name}: give the deck another name")
+        write_msh(meshes, writer.parts)
+    write_text(deck, text)
 
 
 def deck_text(
@@ -64,32 +73,40 @@ def deck_text(
         Functions that have no name in a module, meshes that were made in Python, a scene that was changed
         without its methods: what has to go first.
     """
-    scene.journal.compare(scene.in_journal())
-    if not scene.journal.complete:
-        raise SceneError("to_deck: the scene was changed without its methods, or in one that failed")
-    writer = Writer(folder)
-    body = [line for call in scene.journal for line in writer.call(call)]
-    top: dict[str, Any] = {"title": title or None, "units": list(units) if units else None}
-    top["axisymmetric"] = True if scene.axisymmetric else None
-    lines = writer.keys({key: value for key, value in top.items() if value is not None})
-    if run:
-        lines += ["", "[run]", *writer.keys(run)]
-    for each in asked:
-        given = {f.name: getattr(each, f.name) for f in dataclasses.fields(each)
-                 if getattr(each, f.name) != f.default}
-        lines += ["", "[[quantity]]", *writer.keys(given)]
-    lines += writer.named()
-    return "\n".join([*lines, *body]).lstrip("\n") + "\n"
+    return Writer(folder).text(scene, run=run, asked=asked, units=units, title=title)
 
 
 class Writer:
     """Turns values into what TOML has; collects the random numbers and amplitudes that they use."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, meshes: Path | None = None) -> None:
+        self.folder, self.meshes = folder, meshes
+        self.parts: dict[str, Part] = {}
+        self.files: set[Path] = set()
         self.random: dict[str, Any] = {}
         self.groups: list[Any] = []
         self.amplitudes: dict[Amplitude, str] = {}
+
+    def text(
+        self, scene: Scene, *, run: Mapping[str, Any] | None = None, asked: Any = (),
+        units: tuple[str, str] | None = None, title: str = "",
+    ) -> str:
+        """The deck, see :func:`deck_text`."""
+        scene.journal.compare(scene.in_journal())
+        if not scene.journal.complete:
+            raise SceneError("to_deck: the scene was changed without its methods, or in one that failed")
+        body = [line for call in scene.journal for line in self.call(call)]
+        top: dict[str, Any] = {"title": title or None, "units": list(units) if units else None}
+        top["axisymmetric"] = True if scene.axisymmetric else None
+        lines = self.keys({key: value for key, value in top.items() if value is not None})
+        if run:
+            lines += ["", "[run]", *self.keys(run)]
+        for each in asked:
+            given = {f.name: getattr(each, f.name) for f in dataclasses.fields(each)
+                     if getattr(each, f.name) != f.default}
+            lines += ["", "[[quantity]]", *self.keys(given)]
+        lines += self.named()
+        return "\n".join([*lines, *body]).lstrip("\n") + "\n"
 
     # --- calls ----------------------------------------------------------------------------------
     def call(self, call: Call) -> list[str]:
@@ -116,7 +133,7 @@ class Writer:
             elif kind == "material":
                 found |= self._material(value, where)
             elif kind == "part":
-                found |= self._part(value, where)
+                found |= self._part(value, str(call.arguments["name"]), where)
             else:
                 found[name] = self.value(value, where)
         return found
@@ -130,22 +147,22 @@ class Writer:
             lines += ["", f"[[step.{call.name}]]", *self.keys(self.arguments(call, OF_STEP[call.name]))]
         return lines
 
-    def _part(self, part: Any, where: str) -> dict[str, Any]:
+    def _part(self, part: Any, name: str, where: str) -> dict[str, Any]:
         made = made_by(part)
         if made is not None and made.name in PARTS:
             given = dict(made.arguments)
             if "path" in given:
+                self.files.add(Path(given["path"]).absolute())
                 given["path"] = relative(given["path"], self.folder)
             return {made.name: self.value({k: v for k, v in given.items() if v is not None}, where)}
+        if isinstance(part, Part) and self.meshes is not None:
+            self.parts[name] = part
+            return {"msh": {"path": relative(self.meshes, self.folder), "part": name}}
         if callable(part):
             return {"part": self._code(part, where)}
         if isinstance(part, Matrix):
             raise SceneError(f"{where}: a deck has no words for a Matrix: keep the scene in Python")
-        raise SceneError(
-            f"{where}: its mesh was made in Python, or is that of an .inp or .bdf, which a deck cannot hold: "
-            "write it to a file with physical groups (gmsh.write('parts.msh')) and read that, "
-            "geometry.read_msh('parts.msh'), or go on in Python with lf.read_deck(...).scene"
-        )
+        raise SceneError(f"{where}: {short(part)} has no words in a deck: give a geometry.Part")
 
     def _material(self, material: Any, where: str) -> dict[str, Any]:
         title = type(material).__name__
@@ -323,7 +340,8 @@ def _text(value: Any) -> str:
 def to_deck(scene: Scene, path: str | Path, *, units: tuple[str, str] | None = None, title: str = "") -> None:
     """Write the scene as a deck in TOML, which :func:`dolfinx_frontend.read_deck` and ``latin run`` read.
 
-    The deck has every number to the last bit; files of parts are named relative to its folder.
+    The deck has every number to the last bit; files of parts are named relative to its folder. Meshes that were
+    made in Python, or are those of an ``.inp`` or ``.bdf``, are written beside it, into ``joint.msh``.
 
     Parameters
     ----------
@@ -337,7 +355,7 @@ def to_deck(scene: Scene, path: str | Path, *, units: tuple[str, str] | None = N
     Raises
     ------
     SceneError
-        What no deck can hold: functions that have no name in a module, meshes that were made in Python.
+        What no deck can hold: functions that have no name in a module, laws of your own.
     """
     write_deck(scene, path, units=units, title=title)
 

@@ -13,18 +13,25 @@ from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_path, checked_whole
-from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, vertex_nodes
+from dolfinx_frontend.common.compat import (
+    cell_nodes,
+    coordinate_map,
+    create_mesh,
+    gmsh_cell_permutation,
+    vertex_nodes,
+)
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.files import write_text
 from dolfinx_frontend.common.recorded import Call, mark
 from dolfinx_frontend.geometry import med
 from dolfinx_frontend.geometry.away import TIMEOUT, alone, away
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.msh import check_begin
-from dolfinx_frontend.geometry.parts import NO_FACETS, Assembly, Part, exterior_facets, tagged
+from dolfinx_frontend.geometry.parts import FREE, NO_FACETS, Assembly, Part, exterior_facets, tagged
 from dolfinx_frontend.geometry.session import gmsh_session
 
-__all__ = ["from_gmsh", "gmsh_session", "read_msh"]
+__all__ = ["from_gmsh", "gmsh_session", "read_msh", "write_msh"]
 
 _log = logging.getLogger(__name__)
 
@@ -39,6 +46,8 @@ _GMSH_CELLS = {
     11: ("tetrahedron", 2),
     12: ("hexahedron", 2),
 }
+_FACETS = {(2, 2): 1, (3, 3): 2, (3, 4): 3}
+"""Type of gmsh of a facet, by the dimension of its part and its corners."""
 
 
 def from_gmsh(model: Any, gdim: int | None = None, *, order: int | None = None) -> Assembly:
@@ -222,6 +231,69 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
         raise SceneError(f"{file.name!r}: {error}") from error
     except RuntimeError as error:  # of dolfinx, for cells that do not make a mesh
         raise SceneError(f"{file.name!r}: its cells make no mesh ({error}); mesh it again") from error
+
+
+def write_msh(path: str | Path, parts: Mapping[str, Part]) -> None:
+    """Write parts with their faces as a file of gmsh (MSH 2.2, text), which :func:`read_msh` and meshio read.
+
+    Every number is there to the last bit. Parts become physical groups ``"part"``, faces ``"part:face"``, of the
+    corners of their facets; what has no name stays without a group.
+
+    Parameters
+    ----------
+    path
+        The file.
+    parts
+        Name -> part, such as ``assembly.parts``; all of one dimension.
+
+    Raises
+    ------
+    SceneError
+        A name with a quote or a line break, or with a colon.
+    FileError
+        The file cannot be written.
+    """
+    names: list[str] = []
+    nodes: list[str] = []
+    elements: list[str] = []
+
+    def add(dim: int, name: str, kind: int, rows: npt.NDArray[np.int64]) -> None:
+        if any(letter in name for letter in '"\r\n'):
+            raise SceneError(f"write_msh: {name!r} has a quote or a line break; rename the part or its face")
+        names.append(f'{dim} {len(names) + 1} "{name}"')
+        begin, first = f"{kind} 2 {len(names)} {len(names)}", len(elements) + 1
+        elements.extend(f"{first + k} {begin} {' '.join(map(str, row))}" for k, row in enumerate(rows))
+
+    for name, part in parts.items():
+        if ":" in name:
+            raise SceneError(f"write_msh: the part {name!r} has a colon in its name, which begins faces; rename it")
+        mesh, cells = part.mesh, cell_nodes(part.mesh)
+        dim, first = mesh.topology.dim, len(nodes) + 1
+        x = np.zeros((len(mesh.geometry.x), 3))
+        x[:, : mesh.geometry.dim] = mesh.geometry.x[:, : mesh.geometry.dim]
+        nodes.extend(f"{first + k} {' '.join(map(repr, row))}" for k, row in enumerate(x.tolist()))
+        kind = next(k for k, (cell, order) in _GMSH_CELLS.items()
+                    if (cell, order) == (part.cell, coordinate_map(mesh).degree))
+        order = np.argsort(gmsh_cell_permutation(part.cell, cells.shape[1]))
+        add(dim, name, kind, first + cells[:, order])
+        corners = _facet_corners(mesh)
+        for face, tag in part.names.items():
+            rows = first + corners[part.facet_tags.find(tag)]
+            if face != FREE and len(rows):
+                add(dim - 1, f"{name}:{face}", _FACETS[dim, rows.shape[1]], rows)
+    sections = {"MeshFormat": ["2.2 0 8"], "PhysicalNames": [str(len(names)), *names],
+                "Nodes": [str(len(nodes)), *nodes], "Elements": [str(len(elements)), *elements]}
+    text = "".join(f"${key}\n{chr(10).join(lines)}\n$End{key}\n" for key, lines in sections.items())
+    write_text(checked_path("write_msh", path), text)
+
+
+def _facet_corners(mesh: dmesh.Mesh) -> npt.NDArray[np.int64]:
+    """Rows of ``mesh.geometry.x`` of the corners of each facet, around it."""
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, 0)
+    links = mesh.topology.connectivity(dim - 1, 0)
+    corners = vertex_nodes(mesh)[links.array].reshape(-1, links.links(0).size)
+    return corners[:, [0, 1, 3, 2]] if corners.shape[1] == 4 else corners
 
 
 def refine_around(

@@ -331,6 +331,41 @@ def test_mutated_decks_are_refused_in_a_sentence_or_are_decks(tmp_path: Path) ->
     assert refused > 100 and read > 20
 
 
+def test_a_foreign_deck_becomes_one_to_edit(tmp_path: Path) -> None:
+    """From .inp to .toml: two steps of two blocks in contact, the mesh beside it, the same answer."""
+    inp, toml = tmp_path / "two.inp", tmp_path / "two.toml"
+    blocks = [Brick("C3D8", "LOW", (1, 1, 1), (2, 2, 1)), Brick("C3D8", "HIGH", (1, 1, 1), (2, 2, 1), (0, 0, 1), 101)]
+    inp.write_text("".join(block.text() for block in blocks) + STEEL + """\
+*SURFACE INTERACTION, NAME=DRY
+*FRICTION
+.2
+*CONTACT PAIR, INTERACTION=DRY, TYPE=SURFACE TO SURFACE
+SHIGH_Z0, SLOW_Z1
+*BOUNDARY
+LOW_Z0, 1, 3
+*STEP
+*STATIC
+*BOUNDARY
+HIGH_Z1, 1, 2
+HIGH_Z1, 3, 3, -.001
+*END STEP
+*STEP
+*STATIC
+*BOUNDARY
+HIGH_Z1, 1, 1, .0005
+*END STEP
+""")
+    assert main(["convert", str(inp), str(toml)]) == 0
+    deck, other = lf.read_inp(inp), lf.read_deck(toml)
+    assert other.run["times"] == list(deck.times)
+    scenes = deck.scene(), other.scene
+    answers = [lf.solve(lf.assemble(each), times=deck.times, progress=False) for each in scenes]
+    assert answers[0].known == answers[1].known
+    for name in answers[0].known:
+        forces = [answer.force(name).sum(axis=1) for answer in answers]
+        assert forces[1] == pytest.approx(forces[0], abs=1e-6 * np.abs(forces[0]).max()), name
+
+
 def test_convert_and_schema(deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = tmp_path / "other.toml"
     assert main(["convert", str(deck), str(other)]) == 0

@@ -1,10 +1,12 @@
 """Meshes of the parts: closed-form sizes, complete face names, matching nodes, clear errors."""
 
 import math
+from pathlib import Path
 
 import gmsh
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 from dolfinx import mesh as dmesh
 from scipy.spatial import cKDTree
@@ -398,3 +400,45 @@ def test_wrong_gmsh_models() -> None:
 @pytest.fixture(scope="module")
 def rings() -> geometry.Assembly:
     return two_rings(1.0, 1.5, 2.0, math.pi / 4, (2, 4))
+
+
+def curved(dim: int) -> Part:
+    """A disk or a ball of curved cells, half of whose surface has a name."""
+    with geometry.gmsh_session("round") as session:
+        model = session.model
+        (model.occ.addDisk(0, 0, 0, 1, 1) if dim == 2 else model.occ.addSphere(0, 0, 0, 1))
+        model.occ.synchronize()
+        model.addPhysicalGroup(dim, [1], name="a")
+        model.addPhysicalGroup(dim - 1, [1], name="a:skin")
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 0.5)
+        model.mesh.generate(dim)
+        return geometry.from_gmsh(model, order=2).parts["a"]
+
+
+@pytest.mark.parametrize("shape", ["triangle", "quadrilateral", "tetrahedron", "hexahedron", 2, 3])
+def test_a_written_mesh_is_read_again(shape: str | int, tmp_path: Path) -> None:
+    dim = shape if isinstance(shape, int) else 2 if shape in ("triangle", "quadrilateral") else 3
+    box = (0.1, 0.2, 0.3)[:dim], (2, 1, 3)[:dim]
+    part = curved(shape) if isinstance(shape, int) else geometry.box(*box, cell=shape)
+    file = tmp_path / "two.msh"
+    geometry.write_msh(file, {"a": part, "b #2": part})
+    assembly = geometry.read_msh(file)
+    assert list(assembly.parts) == ["a", "b #2"]
+
+    def sizes(each: Part) -> list[float]:
+        over = ufl.Measure("ds", each.mesh, subdomain_data=each.facet_tags)
+        measures = [ufl.dx(each.mesh), *(over(each.names[face]) for face in part.faces)]
+        return [fem.assemble_scalar(fem.form(fem.Constant(each.mesh, 1.0) * measure)) for measure in measures]
+
+    for other in assembly.parts.values():
+        x, y = (each[np.lexsort(each.T)] for each in (part.mesh.geometry.x, other.mesh.geometry.x))
+        assert np.array_equal(x, y)  # to the last bit
+        assert sizes(other) == pytest.approx(sizes(part), rel=ROUND)
+
+
+def test_names_that_no_file_of_gmsh_has(tmp_path: Path) -> None:
+    part = geometry.box((1, 1), (1, 1))
+    for name in ('a "b"', "a\nb", "a:b"):
+        with pytest.raises(SceneError, match="rename"):
+            geometry.write_msh(tmp_path / "x.msh", {name: part})
+    assert not (tmp_path / "x.msh").exists()
