@@ -236,8 +236,8 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
 def write_msh(path: str | Path, parts: Mapping[str, Part]) -> None:
     """Write parts with their faces as a file of gmsh (MSH 2.2, text), which :func:`read_msh` and meshio read.
 
-    Every number is there to the last bit. Parts become physical groups ``"part"``, faces ``"part:face"``, of the
-    corners of their facets; what has no name stays without a group.
+    Every number is there to the last bit. Parts become physical groups ``"part"``, faces ``"part:face"``, of
+    the corners of their facets; what has no name stays without a group.
 
     Parameters
     ----------
@@ -257,21 +257,22 @@ def write_msh(path: str | Path, parts: Mapping[str, Part]) -> None:
     nodes: list[str] = []
     elements: list[str] = []
 
-    def add(dim: int, name: str, kind: int, rows: npt.NDArray[np.int64]) -> None:
+    def add(dim: int, name: str, kind: int, rows: npt.NDArray[Any]) -> None:
         if any(letter in name for letter in '"\r\n'):
             raise SceneError(f"write_msh: {name!r} has a quote or a line break; rename the part or its face")
         names.append(f'{dim} {len(names) + 1} "{name}"')
         begin, first = f"{kind} 2 {len(names)} {len(names)}", len(elements) + 1
-        elements.extend(f"{first + k} {begin} {' '.join(map(str, row))}" for k, row in enumerate(rows))
+        numbered = enumerate(rows.tolist(), start=first)
+        elements.extend(f"{k} {begin} {' '.join(map(str, row))}" for k, row in numbered)
 
     for name, part in parts.items():
         if ":" in name:
-            raise SceneError(f"write_msh: the part {name!r} has a colon in its name, which begins faces; rename it")
+            raise SceneError(f"write_msh: the part {name!r} has a colon in its name; rename it")
         mesh, cells = part.mesh, cell_nodes(part.mesh)
         dim, first = mesh.topology.dim, len(nodes) + 1
         x = np.zeros((len(mesh.geometry.x), 3))
         x[:, : mesh.geometry.dim] = mesh.geometry.x[:, : mesh.geometry.dim]
-        nodes.extend(f"{first + k} {' '.join(map(repr, row))}" for k, row in enumerate(x.tolist()))
+        nodes.extend(f"{first + k} {a!r} {b!r} {c!r}" for k, (a, b, c) in enumerate(x.tolist()))
         kind = next(k for k, (cell, order) in _GMSH_CELLS.items()
                     if (cell, order) == (part.cell, coordinate_map(mesh).degree))
         order = np.argsort(gmsh_cell_permutation(part.cell, cells.shape[1]))
@@ -287,12 +288,12 @@ def write_msh(path: str | Path, parts: Mapping[str, Part]) -> None:
     write_text(checked_path("write_msh", path), text)
 
 
-def _facet_corners(mesh: dmesh.Mesh) -> npt.NDArray[np.int64]:
+def _facet_corners(mesh: dmesh.Mesh) -> npt.NDArray[Any]:
     """Rows of ``mesh.geometry.x`` of the corners of each facet, around it."""
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, 0)
     links = mesh.topology.connectivity(dim - 1, 0)
-    corners = vertex_nodes(mesh)[links.array].reshape(-1, links.links(0).size)
+    corners: npt.NDArray[Any] = vertex_nodes(mesh)[links.array].reshape(-1, links.links(0).size)
     return corners[:, [0, 1, 3, 2]] if corners.shape[1] == 4 else corners
 
 

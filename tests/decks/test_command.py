@@ -334,8 +334,9 @@ def test_mutated_decks_are_refused_in_a_sentence_or_are_decks(tmp_path: Path) ->
 def test_a_foreign_deck_becomes_one_to_edit(tmp_path: Path) -> None:
     """From .inp to .toml: two steps of two blocks in contact, the mesh beside it, the same answer."""
     inp, toml = tmp_path / "two.inp", tmp_path / "two.toml"
-    blocks = [Brick("C3D8", "LOW", (1, 1, 1), (2, 2, 1)), Brick("C3D8", "HIGH", (1, 1, 1), (2, 2, 1), (0, 0, 1), 101)]
-    inp.write_text("".join(block.text() for block in blocks) + STEEL + """\
+    low = Brick("C3D8", "LOW", (1, 1, 1), (2, 2, 1))
+    high = Brick("C3D8", "HIGH", (1, 1, 1), (2, 2, 1), (0, 0, 1), 101)
+    inp.write_text(low.text() + high.text() + STEEL + """\
 *SURFACE INTERACTION, NAME=DRY
 *FRICTION
 .2
