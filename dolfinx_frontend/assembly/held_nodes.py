@@ -17,7 +17,7 @@ from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.vectors import unit
 from dolfinx_frontend.scene.laws import Law
 
-__all__ = ["ANYWAY", "Held", "held_by", "held_twice", "joined_holds"]
+__all__ = ["ANYWAY", "Held", "held_across", "held_by", "held_twice", "joined_holds"]
 
 _SAME = 0.5
 """cos^2 of the angle below which two directions are the same one: 45 degrees."""
@@ -124,6 +124,14 @@ def joined_holds(several: list[Held]) -> Held | None:
         total[at] += h.directions
         least[at] = np.maximum(least[at], h.least)
     return Held(nodes, _projectors(total, 0.3), least)
+
+
+def held_across(held: Held, nodes: Ints) -> Array:
+    """(nodes, d, d): projectors onto the directions in which nodes are held."""
+    out = np.zeros((len(nodes), *held.directions.shape[1:]))
+    known = np.isin(nodes, held.nodes)
+    out[known] = held.directions[np.searchsorted(held.nodes, nodes[known])]
+    return out
 
 
 def held_twice(

@@ -14,7 +14,9 @@ degree 1
 degree 2
     psi_i = L_i.  They contain the linear functions, which biorthogonal ones do not, and pressures are >= 0
     everywhere if the f_i are.  T_1 is not diagonal; no law asks for that, since each sees its own f_i and
-    jump_i only.  No change of the quadratic basis is needed for weights > 0.
+    jump_i only.  No change of the quadratic basis is needed for weights > 0.  Where a face of contact ends
+    they span the same with forces that act at its end: a part that turns on its corner is pressed there, not
+    a third of a facet inside.
 
 Normal jumps are w_i jump_n = int psi_i (u_2 - u_1) . n with the normal n of the place: with a mean one, slip
 on a curved face would open gaps of the order h^2, which differ from vertex to vertex and make pressures of
@@ -40,7 +42,7 @@ import numpy as np
 from latin_core import mortar as kernel
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
-from dolfinx_frontend.assembly.held_nodes import Held, held_twice
+from dolfinx_frontend.assembly.held_nodes import Held, held_across, held_twice
 from dolfinx_frontend.assembly.overlap import closure_nodes, linear_means
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.deferred import sp
@@ -167,6 +169,13 @@ def multipliers(
     distance, gap = np.zeros(m), np.zeros(m)
     np.add.at(distance, corners, found.gap[facets])
     np.add.at(gap, corners, (dual @ found.gap[facets][:, :, None])[:, :, 0])
+    bulge = np.abs(merging @ (gap - distance)) / (merging @ weights)
+    if law.unilateral and not linear:
+        rim = _rim(corners)
+        rim[corners[share[facets] < 1.0 - _NOTHING]] = False
+        tied = held_across(held, vertices) if held is not None else np.zeros((m, d, d))
+        ending = _at_rim(corners, found.mass[facets], x, unit_rows(normals[:, :d]), rim, tied)
+        merging = merging @ ending
     weights = merging @ weights
     inverse = (sp.diags(1.0 / weights) @ merging).tocsr()
     mean = found.mean[facets][:, :, None]
@@ -203,12 +212,76 @@ def multipliers(
         shapes=tuple(shapes),
         along=tuple(along),
         gap=inverse @ gap,
-        bulge=np.abs(inverse @ (gap - distance)),
+        bulge=bulge,
         facets=facets,
         areas=(areas @ merging.T).tocsr(),
         corners=corners,
         nodal=merging.T.tocsr(),
     )
+
+
+def _at_rim(
+    corners: Ints, mass: Array, x: Array, normals: Array, rim: Flags, tied: Array
+) -> sp.csr_matrix:
+    """(vertices, vertices): functions of the same span and sum whose forces act where the face ends.
+
+    psi_i = L_i - sum_j c_ij L_j and psi_j + c_ij L_j of its neighbours j, with c_ij = a_ij (x_j - x_i) . t_i
+    and the t_i along the face for which the moments of psi_i about vertex i vanish.
+
+    Parameters
+    ----------
+    corners, mass, x, normals
+        Vertices of each facet, integrals of L_i L_j, coordinates and normals of vertices.
+    rim, tied
+        Where the face ends, and projectors (vertices, d, d) onto directions in which vertices are held: where
+        that is the one across the end, as on a plane of symmetry, the contact goes on beyond it.
+    """
+    m, d = x.shape
+    rows, columns = (np.broadcast_to(each, mass.shape) for each in (corners[:, :, None], corners[:, None, :]))
+    product = sp.csr_matrix((mass.ravel(), (rows.ravel(), columns.ravel())), shape=(m, m))
+    weight, first = np.asarray(product.sum(axis=1)).ravel(), np.asarray(product @ x)
+    own = first - weight[:, None] * x  # moments of L_i about vertex i
+    across = np.einsum("id,ide,ie->i", own, tied, own) > 0.5 * np.einsum("id,id->i", own, own)
+    rim = rim & ~across
+    ends = np.flatnonzero(rim)
+    if not ends.size:
+        return sp.identity(m, format="csr")
+    # (vertices, d, d - 1): directions along the face
+    along = np.linalg.svd(normals[:, None, :])[2][:, 1:].transpose(0, 2, 1)
+    pairs = (product - sp.diags(product.diagonal())).tocsr()[ends].tocoo()
+    i, j = ends[pairs.row], pairs.col
+    towards = pairs.data[:, None] * np.einsum("pd,pdr->pr", x[j] - x[i], along[i])
+    about = np.einsum("pd,pdr->pr", first[j] - weight[j, None] * x[i], along[i])
+    both = rim[j]  # what such a neighbour gives away is taken by i
+    given = np.einsum("pd,pdr->pr", own[j[both]], along[j[both]])
+    number = np.cumsum(rim) - 1
+    row = np.concatenate([number[i], number[j[both]]])[:, None, None]
+    column = np.concatenate([number[i], number[i[both]]])[:, None, None]
+    of_pairs = np.concatenate([towards, towards[both]])
+    blocks = np.einsum("pr,ps->prs", np.concatenate([about, -given]), of_pairs)
+    r = np.arange(d - 1)
+    rows = np.broadcast_to((d - 1) * row + r[:, None], blocks.shape)
+    columns = np.broadcast_to((d - 1) * column + r, blocks.shape)
+    size = (d - 1) * len(ends)
+    system = sp.csc_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
+    right = np.einsum("id,idr->ir", own[ends], along[ends]).ravel()
+    t = sp.linalg.spsolve(system, right).reshape(-1, d - 1)
+    taken = sp.csr_matrix((np.einsum("pr,pr->p", towards, t[number[i]]), (i, j)), shape=(m, m))
+    return (sp.identity(m) - taken + sp.diags(np.asarray(taken.sum(axis=0)).ravel())).tocsr()
+
+
+def _rim(corners: Ints) -> Flags:
+    """(vertices,): whether a vertex lies where the face ends."""
+    around: dict[int, list[list[int]]] = {
+        2: [[0], [1]],
+        3: [[0, 1], [1, 2], [2, 0]],
+        4: [[0, 1], [1, 3], [3, 2], [2, 0]],
+    }
+    sides = np.concatenate([corners[:, side] for side in around[corners.shape[1]]])
+    side, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    rim = np.zeros(corners.max() + 1, dtype=bool)
+    rim[side[count == 1]] = True
+    return rim
 
 
 def _dual(mean: Array, mass: Array, good: Flags) -> Array:

@@ -108,6 +108,8 @@ def _errors(result: Result, closed_form: Any, exact_force: Array, degree: int) -
             above, below = (above + energy, below) if which == 0 else (above, below + energy)
     joint = result.problem.interfaces["joint"]
     force = result.force("joint")
+    if joint.vertices is not None and joint.vertices.nodal.shape[0] == len(force):
+        force = joint.vertices.nodal @ force  # the pressure at the places of the points
     distance = force.copy()
     distance[:, 0] -= exact_force
     size = joint.weights @ exact_force**2

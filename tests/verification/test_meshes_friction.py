@@ -127,11 +127,21 @@ def test_a_zone_that_may_have_another_edge_has_no_bound():
 def upright(push: float) -> Scene:
     """A block of side HIGH that is pushed at its top by `push` of what presses it: beyond 0.5 it tips.
 
-    The outermost contact points of the coarse mesh stand for half a cell, 0.83 off the corner: by it the
-    block tips from 0.42 on.
+    It ends within a cell of the lower block, which is the finer one: the outermost contact points of the
+    coarse mesh stand for the part of the cell that is covered, and the block tips by them from 0.45 on.
     """
-    pair = Pair((16e3, 77e3), 0.2, 0.6, "quadrilateral", 2, (4, 4), 10.0, push, True)
+    pair = Pair((16e3, 77e3), 0.2, 0.6, "quadrilateral", 2, (12, 2), 10.0, push, True, left=2.0)
     return pair.scene()
+
+
+@pytest.mark.parametrize("cells", [(3, 2), (4, 4)])
+def test_a_block_tips_over_its_corner(cells: tuple[int, int]) -> None:
+    """Beyond 0.5 on any mesh whose vertices are at the corners."""
+    pair = Pair((16e3, 77e3), 0.2, 0.6, "quadrilateral", 2, cells, 10.0, 0.49, True)
+    assert solve(assemble(pair.scene()), times=[1.0, 2.0]).converged
+    with pytest.warns(SceneWarning, match="no equilibrium at step 1"):
+        tipped = solve(assemble(pair._replace(push=0.51).scene()), times=[1.0, 2.0])
+    assert tipped.statuses == ("converged", "no_equilibrium")
 
 
 def test_a_support_that_a_coarse_mesh_has_lost_is_looked_for_on_finer_ones():
