@@ -648,9 +648,11 @@ class Face(ABC):
 
         Columns (see :mod:`dolfinx_frontend.results.readings` for signs): area; ``force_x`` ...,
         ``moment_x`` ... on side 1, global axes; ``normal`` (tension > 0) and ``shear``, total;
-        ``pressure_min``, ``_mean``, ``_max``; ``shear_max``; ``open_area`` (no pressure), ``slip_area``
-        (friction at its limit) and ``slip_use`` (share of the friction limit of what is closed that is used
-        up: at 1 all of it slips) of contacts. Of interfaces that were eliminated as supports or glue, the
+        ``pressure_min``, ``_mean``, ``_max``; ``shear_max``. Of contacts ``open_area`` (no pressure); with
+        friction ``slip_area`` (at its limit), ``slip_share`` (the same over what is closed), ``slip_use``
+        (share of the friction limit of what is closed that is used up: at 1 all of it slips), ``slip_safety``
+        (that limit over the resultant ``shear``), and ``slip`` (length that the closed faces have moved along
+        each other, the most). Of interfaces that were eliminated as supports or glue, the
         reactions; their points carry no pressure that is known. Collective on several ranks.
 
         A random answer has a row per statistic: mean, standard deviation and quantiles of the number itself,

@@ -136,8 +136,8 @@ def _check_cells(result: Result, found: Mapping[str, Deformation]) -> None:
     if strain.value > LIMITS.strain:
         beyond(
             f"strain {strain.value:.2g}, {_at(result, part, strain)}, more than {LIMITS.strain:.0%}: with "
-            f"E = {modulus:.3g} that is a stress of {modulus * strain.value:.3g}; a load or a modulus in another "
-            "unit, a soft layer that needs its own law (Elastic, a gasket), or a part that yields",
+            f"E = {modulus:.3g} that is a stress of {modulus * strain.value:.3g}, and what is linear here is off "
+            "by about as much; a soft layer, a part that would yield, or a load or a modulus in another unit",
             "strain",
         )
     soft, stiff = LIMITS.moduli

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
+import dolfinx_frontend as lf
 from dolfinx_frontend import (
     Amplitude,
     Chaos,
@@ -572,3 +573,57 @@ def test_no_text_of_a_csv_file_is_a_formula(tmp_path: Path) -> None:
     assert head == ["'=name", "value"]
     assert [row[0] for row in rows] == [f"'{each}" if each not in ("a=1", "") else each for each in texts]
     assert [row[1] for row in rows] == ["-1.5", "-2", "", "3", "-0.0", "1e+300", "-1e-300", "7", "-8", "9"]
+
+
+def rubbing(side: float, times: Any = (1.0, 2.0)) -> Any:
+    """Two squares of 1 that are pressed by 1, then pulled sideways, the upper one through a spring of 10."""
+    scene = lf.Scene()
+    steel = lf.LinearElastic(1e3, 0.0)
+    for name, y in (("low", 0.0), ("high", 1.0)):
+        scene.substructure(name, lf.geometry.box((1.0, 1.0), (2, 2), origin=(0.0, y)), steel, degree=1)
+    scene.fix("low:y0")
+    scene.interface("joint", "high:y0", "low:y1", lf.Contact(friction=0.4))
+    scene.fix("high:y1", -2e-3, components=1, name="press")
+    scene.interface("grip", "high:y1", lf.Elastic(normal=0.0, tangential=10.0))
+    scene.traction("high:y1", (lf.Amplitude([1, 2], [0, 1]) * side, 0.0), name="pull")
+    return lf.solve(lf.assemble(scene), times=list(times), progress=False)
+
+
+def test_columns_of_friction_are_those_of_a_block_that_slides() -> None:
+    """Its limit is 0.4; at a pull of 0.2 it sticks, at 0.9 it slides until the spring takes 0.5."""
+    stuck, slides = (rubbing(side).table("joint") for side in (0.2, 0.9))
+    assert stuck.value("slip", "joint") == stuck.value("slip_share", "joint") == 0.0
+    limit = -0.4 * stuck.value("normal", "joint")
+    assert limit == pytest.approx(0.4, rel=1e-3)
+    assert stuck.value("slip_safety", "joint") == pytest.approx(limit / stuck.value("shear", "joint"))
+    bends = 0.1 * stuck.value("shear", "grip") / stuck.value("shear", "joint")  # by a shear of 1
+    assert slides.value("slip", "joint") == pytest.approx(0.05 - 0.4 * bends, rel=1e-4)
+    assert slides.value("slip_share", "joint") == pytest.approx(1.0)
+    assert slides.value("slip_safety", "joint") == pytest.approx(1.0)
+    assert rubbing(0.2).table("joint", step=0).value("slip_safety", "joint") == np.inf
+
+
+def test_a_pattern_stands_for_the_interfaces_that_it_fits() -> None:
+    result = rubbing(0.2)
+    assert list(result.table("j*")["interface"]) == ["joint"]
+    assert set(result.table(["?o*", "grip"])["interface"]) == {"joint", "grip"}
+    with pytest.raises(lf.SceneError, match="table: unknown interface 'bolt.'.*'grip'"):
+        result.table("bolt*")
+
+
+def test_a_history_beside_each_other() -> None:
+    table = rubbing(0.2, (1.0, 1.5, 2.0)).table(["joint", "grip"], step=None)
+    shown = table.by_time("shear")
+    assert shown.labels == ("time",) and list(shown["time"]) == [1.0, 1.5, 2.0]
+    assert shown["joint"][1] == table.value("shear", "joint", time=1.5)
+    with pytest.raises(lf.SceneError, match="no history"):
+        lf.Table({"interface": ("a",), "normal": (1.0,)}, ("interface",)).by_time("normal")
+
+
+def test_a_long_table_is_cut_and_says_so() -> None:
+    """60 rows, of which the second has no shear: its line has a place in the first block only."""
+    table = rubbing(0.2, np.linspace(1.0, 2.0, 60)).table("joint", step=None)
+    lines = str(table).splitlines()
+    assert sum(line.startswith("...") for line in lines) >= 1
+    assert "20 rows of 60 are left out" in str(table)
+    assert len(table.to_csv().splitlines()) == 61
