@@ -591,7 +591,7 @@ def rubbing(side: float, times: Any = (1.0, 2.0)) -> Any:
 
 def test_columns_of_friction_are_those_of_a_block_that_slides() -> None:
     """Its limit is 0.4; at a pull of 0.2 it sticks, at 0.9 it slides until the spring takes 0.5."""
-    stuck, slides = (rubbing(side).table("joint") for side in (0.2, 0.9))
+    stuck, slides = (rubbing(side).table() for side in (0.2, 0.9))
     assert stuck.value("slip", "joint") == stuck.value("slip_share", "joint") == 0.0
     limit = -0.4 * stuck.value("normal", "joint")
     assert limit == pytest.approx(0.4, rel=1e-3)
