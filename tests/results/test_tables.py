@@ -627,3 +627,20 @@ def test_a_long_table_is_cut_and_says_so() -> None:
     assert sum(line.startswith("...") for line in lines) >= 1
     assert "20 rows of 60 are left out" in str(table)
     assert len(table.to_csv().splitlines()) == 61
+
+
+def test_the_reaction_of_a_support_that_ends_at_glue() -> None:
+    """Both blocks stand on supports that share an edge with the glue between them: 3 on one, 1 on the other."""
+    scene = lf.Scene()
+    steel = lf.LinearElastic(1e3, 0.3)
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        scene.substructure(name, lf.geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0)), steel)
+    scene.interface("glue", "a:x1", "b:x0", lf.Perfect())
+    scene.fix("a:y0", name="stand")
+    scene.traction("a:y1", (0.5, -3.0))
+    scene.traction("b:y1", (0.0, -1.0))
+    table = lf.solve(lf.assemble(scene)).table()
+    assert table.value("force_x", "stand") == pytest.approx(-0.5)
+    assert table.value("force_y", "stand") == pytest.approx(4.0)
+    centre = 0.5  # of the support, about which 3 turn by 0 and 1 by 1, and the shear at the top by 1
+    assert table.value("moment_z", "stand") == pytest.approx(1.0 * (1.5 - centre) + 0.5 * 1.0)
