@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from types import FrameType
 from typing import Any
 
-__all__ = ["BalanceError", "MemoryLimitError", "SceneError", "SceneWarning", "telling", "unknown_name", "warn"]
+__all__ = ["BalanceError", "MemoryLimitError", "SceneError", "SceneWarning", "of_user", "telling", "unknown_name", "warn"]
 
 _NOT_THE_USER = ("dolfinx_frontend", "latin_core", "contextlib", "functools")
 
@@ -78,8 +78,9 @@ def unknown_name(kind: str, name: Any, known: Iterable[str], where: str = "") ->
     return SceneError(f"{prefix}unknown {kind} {name!r}; {hint + ' ' if hint else ''}({listing})")
 
 
-def _package(frame: FrameType) -> str:
-    return str(frame.f_globals.get("__name__", "")).partition(".")[0]
+def of_user(frame: FrameType) -> bool:
+    """Whether a frame is of a script, and not of the packages or of what they are called through."""
+    return str(frame.f_globals.get("__name__", "")).partition(".")[0] not in _NOT_THE_USER
 
 
 _told: ContextVar[set[str] | None] = ContextVar("told", default=None)
@@ -118,6 +119,6 @@ def warn(message: str, category: type[Warning], key: str = "") -> None:
             return
         told.add(key)
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and _package(frame) in _NOT_THE_USER:
+    while frame.f_back is not None and not of_user(frame):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)

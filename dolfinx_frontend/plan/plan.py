@@ -30,6 +30,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import MemoryLimitError, SceneError
 from dolfinx_frontend.common.frozen import frozen, locked
+from dolfinx_frontend.common.html import table
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import (
@@ -307,6 +308,10 @@ class Plan:
             f"Plan({self.method}, active: {', '.join(self.active) or 'nothing'}; {len(self.eliminated)} "
             f"interfaces eliminated, {self.columns} columns; print it for the reasons)"
         )
+
+    def _repr_html_(self) -> str:
+        rows = [(d.what, d.choice, d.reason) for d in self.decisions]
+        return table(("decision", "choice", "because"), rows, (True,) * 3, ())
 
     def __str__(self) -> str:
         width = max(len(d.what) for d in self.decisions)

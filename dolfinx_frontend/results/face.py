@@ -26,6 +26,7 @@ from dolfinx_frontend.common.checks import (
     told_call,
 )
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.html import Shown
 from dolfinx_frontend.results import tables, writing
 from dolfinx_frontend.results.answer import (
     AnswerKind,
@@ -66,7 +67,7 @@ _OF_QUANTITIES = ("quantile", "percentile", "probability")
 """What a number has, and an answer has not."""
 
 
-class Face(ABC):
+class Face(Shown, ABC):
     """Readings, tables, fields and files of an answer: see :class:`dolfinx_frontend.results.answer.Answer`.
 
     A class of answers gives `kind`, `blocks`, `unknowns`, `force` and `jump`; what is random also how its
@@ -179,7 +180,7 @@ class Face(ABC):
 
     @property
     def unsolved(self) -> tuple[str, ...]:
-        """What a table has to say of points that did not converge, a sentence each."""
+        """What a table has to say of a run or points that did not converge, a sentence each."""
         return ()
 
     @property
@@ -687,7 +688,8 @@ class Face(ABC):
         """Bolt forces of a load history before and after loading, see
         :func:`dolfinx_frontend.results.tables.bolts`; arguments as for :meth:`table`."""
         self.problem.check_alike("bolts", quantiles=quantiles)
-        return tables.bolts(self.readings(interfaces, samples, seed), quantiles)
+        found = tables.bolts(self.readings(interfaces, samples, seed), quantiles)
+        return replace(found, notes=(*found.notes, *self.unsolved))
 
     @together("readings")
     def readings(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.common import html
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_known,
@@ -36,6 +37,8 @@ ROWS = 40
 """Rows of a printed table, with its blocks below each other."""
 WIDTH = 110
 """Characters of a line of a printed table."""
+_WORDS = ("interface", "law", "statistic")
+"""Columns of words."""
 _FORMULA, _BLANKS = ("=", "+", "-", "@"), ("\t", "\r", "\n")
 """What a formula begins with in a spreadsheet."""
 ROUNDING = 1e-8
@@ -142,17 +145,32 @@ class Table:
             raise SceneError("to_pandas needs pandas: install it, or use to_csv") from error
         return pandas.DataFrame(self.columns).set_index(list(self.labels))
 
-    def __str__(self) -> str:
+    def _cells(self) -> tuple[dict[str, list[str]], list[str]]:
+        """Columns as they are shown, of a long table its two ends, and notes."""
         largest = self._largest()
         left_out = len(self) - ROWS if len(self) > ROWS + 1 else 0
         keep = [*range(ROWS // 2), *range(len(self) - ROWS // 2, len(self))] if left_out else range(len(self))
         shown = {
-            n: [_shown(c[k], 0.0 if n in self.labels else ROUNDING * largest[_kind(n)]) for k in keep]
+            n: [_shown(c[k], 0.0 if n in self.labels else ROUNDING * largest[self._kind(n)]) for k in keep]
             for n, c in self.columns.items()
             if not _empty(c)
         }
         if left_out:
             shown = {n: [*c[: ROWS // 2], "...", *c[ROWS // 2 :]] for n, c in shown.items()}
+        more = f"{left_out} rows of {len(self)} are left out: to_csv(), to_pandas() and rows() have all; "
+        more += "table(names, step=...) has fewer, by_time(column) puts interfaces beside each other"
+        return shown, [*((more,) if left_out else ()), *self.notes]
+
+    def _repr_html_(self) -> str:
+        shown, notes = self._cells()
+        left = [name in _WORDS for name in shown]
+        return html.table(list(shown), list(zip(*shown.values(), strict=True)), left, notes)
+
+    def _kind(self, column: str) -> str:
+        return _kind(column) if "interface" in self.labels else ""  # beside each other they are of one kind
+
+    def __str__(self) -> str:
+        shown, every = self._cells()
         widths = {n: max(len(n), *(len(v) for v in c)) if c else len(n) for n, c in shown.items()}
         blocks: list[list[str]] = [[]]
         fixed = sum(widths[n] + 2 for n in self.labels)
@@ -166,9 +184,6 @@ class Table:
             blocks[-1].append(name)
             room -= widths[name] + 2
         texts = [self._block(shown, [*self.labels, *names]) for names in blocks]
-        more = f"{left_out} rows of {len(self)} are left out: to_csv(), to_pandas() and rows() have all; "
-        more += "table(names, step=...) has fewer, by_time(column) puts interfaces beside each other"
-        every = (*((more,) if left_out else ()), *self.notes)
         notes = [line for note in every for line in textwrap.wrap(note, WIDTH)]
         return "\n\n".join(texts) + "".join(f"\n{line}" for line in notes)
 
@@ -179,7 +194,7 @@ class Table:
             if name in self.labels:
                 continue
             numbers = [abs(v) for v in column if isinstance(v, float) and math.isfinite(v)]
-            largest[_kind(name)] = max([largest.get(_kind(name), 0.0), *numbers])
+            largest[self._kind(name)] = max([largest.get(self._kind(name), 0.0), *numbers])
         if "ratio" in largest:
             largest["ratio"] = 1.0
         if "moment" in largest:
@@ -189,7 +204,7 @@ class Table:
         return largest
 
     def _block(self, shown: dict[str, list[str]], names: list[str]) -> str:
-        sides = "".join("<" if n in ("interface", "law", "statistic") else ">" for n in names)
+        sides = "".join("<" if n in _WORDS else ">" for n in names)
         own = [k for k, name in enumerate(names) if name not in self.labels]
         every = list(zip(*(shown[n] for n in names), strict=True))
         rows = [row for row in every if not own or any(row[k] != "-" for k in own)]

@@ -29,6 +29,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.html import Shown
 from dolfinx_frontend.common.model_limits import LIMITS, beyond
 from dolfinx_frontend.common.recorded import Journal, journaled
 from dolfinx_frontend.scene.amplitudes import Varying
@@ -103,7 +104,7 @@ def _components_of(value: Any) -> list[Any] | None:
     return list(value) if scattered(value) or any(map(scattered, value)) else None
 
 
-class Scene:
+class Scene(Shown):
     """Substructures and interfaces.
 
     Parameters

@@ -25,6 +25,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import Files, writable
+from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.formats.chaos_file import software
 from dolfinx_frontend.results.answer import Answer, check_answer
 from dolfinx_frontend.results.saved import load
@@ -250,12 +251,13 @@ def report(
         "samples": samples,
         "seed": seed,
     }
-    if result.problem.comm is None:
-        known = partial(errors_known, result, errors)
-        tight = partial(tightened, result) if _carries_on(errors) else _none
-        made = _made(result, known, tight, **settings)
-    else:
-        made = _over_ranks(result, errors, settings)
+    with Bar(1, "report", "sheet", result.problem.rank == 0):
+        if result.problem.comm is None:
+            known = partial(errors_known, result, errors)
+            tight = partial(tightened, result) if _carries_on(errors) else _none
+            made = _made(result, known, tight, **settings)
+        else:
+            made = _over_ranks(result, errors, settings)
     if path is not None and result.problem.rank == 0:
         made.save(path)
     return made
