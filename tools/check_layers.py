@@ -286,6 +286,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "statistics",
         "page",
         "content",
+        "turning",
         "pictures",
         "report",
     ),

@@ -15,7 +15,15 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS, Arrows, load_arrows
-from dolfinx_frontend.figures.canvas import fit_height, rgb, round_down, save, sheet
+from dolfinx_frontend.figures.canvas import (
+    fit_height,
+    rgb,
+    round_down,
+    save,
+    set_title,
+    sheet,
+    shown_at,
+)
 from dolfinx_frontend.figures.cuts import as_points, cut_solid
 from dolfinx_frontend.figures.solids import corner_weights, draw_solid, joined, outline, skin_of
 from dolfinx_frontend.io.facets import corner_fields, facet_fields
@@ -114,7 +122,7 @@ def interface_figure(
     norm, colours = _scale_of(values, quantity)
     figure = sheet(6.5, 5.0)
     axis = figure.add_subplot()
-    axis.set_title(f"{title + ', ' if title else ''}displacements × {scale:g}", fontsize=11)
+    set_title(axis, (title or f"{quantity} on {interface}") + shown_at(result, step, quantity), scale)
     solids = []
     for name, (skin, facets) in skins.items():
         points = skin.points.copy()
