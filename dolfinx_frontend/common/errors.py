@@ -11,7 +11,16 @@ from contextvars import ContextVar
 from types import FrameType
 from typing import Any
 
-__all__ = ["BalanceError", "MemoryLimitError", "SceneError", "SceneWarning", "of_user", "telling", "unknown_name", "warn"]
+__all__ = [
+    "BalanceError",
+    "MemoryLimitError",
+    "SceneError",
+    "SceneWarning",
+    "of_user",
+    "telling",
+    "unknown_name",
+    "warn",
+]
 
 _NOT_THE_USER = ("dolfinx_frontend", "latin_core", "contextlib", "functools")
 

@@ -15,7 +15,9 @@ class Shown:
         return f"<pre>{escape(str(self))}</pre>"
 
 
-def table(names: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[bool], notes: Sequence[str]) -> str:
+def table(
+    names: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[bool], notes: Sequence[str]
+) -> str:
     """A table, its columns to the left or the right, with notes below."""
 
     def line(cells: Sequence[str], tag: str) -> str:

@@ -3,8 +3,8 @@
 They are drawn by tqdm, on the error stream, if that is a terminal and tqdm is installed, and appear after
 half a second. ``progress(False)``, or ``LATIN_PROGRESS=0`` in the environment, switches them off; so does
 tqdm's own ``TQDM_DISABLE=1``. The same steps are logged, see :mod:`logging`: loggers
-``dolfinx_frontend`` and ``latin_core``, phases at INFO, single points and iterations at DEBUG. Where no bar is
-drawn, a line at INFO says every few seconds how far the innermost phase is.
+``dolfinx_frontend`` and ``latin_core``, phases at INFO, single points and iterations at DEBUG. Where no bar
+is drawn, a line at INFO says every few seconds how far the innermost phase is.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Tracebacks of refused input end at the line of the user's script: what is inside of the package says nothing
-of a mistake outside of it."""
+"""Tracebacks of refused input end at the line of the user's script: what is inside of the package says
+nothing of a mistake outside of it."""
 
 from __future__ import annotations
 

@@ -16,7 +16,16 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Answer, check_answer
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import vertex_nodes
-from dolfinx_frontend.figures.canvas import fit_height, plane_axes, rgb, round_down, save, set_title, sheet, shown_at
+from dolfinx_frontend.figures.canvas import (
+    fit_height,
+    plane_axes,
+    rgb,
+    round_down,
+    save,
+    set_title,
+    sheet,
+    shown_at,
+)
 from dolfinx_frontend.figures.solids import Skin, Solid, arrow, draw_solid, joined, outline, skin_of
 from dolfinx_frontend.geometry.parts import Assembly
 

@@ -118,7 +118,8 @@ def stress_figure(
     shown = f"{of} stress" if of in components else of
     bar = label or (f"standard deviation of {shown}" if deviation else shown)
     unit = bar.rpartition("(")[2].rstrip(")") + " " if bar.endswith(")") else ""
-    told = f"{shown}{shown_at(result, step, 'std' if deviation else '')}, largest {colours[largest].max():.4g} {unit}in {names[largest]}"
+    told = f"{shown}{shown_at(result, step, 'std' if deviation else '')}, "
+    told += f"largest {colours[largest].max():.4g} {unit}in {names[largest]}"
     return draw_coloured(
         names, skins, colours, path, scale=scale, label=bar, view=view, lift=lift,
         title=f"{title}, {told}" if title else told, renderer=renderer, limits=limits, arrows=arrows,

@@ -543,7 +543,7 @@ def make_plan(
     way
         Modes or points, of which the price is told; None: of one solution.
     chaos
-        As for :func:`dolfinx_frontend.solve`: the plan, and the price, of a chaos of everything that is random.
+        As for :func:`dolfinx_frontend.solve`: the plan, and the price, of a chaos of all that is random.
 
     Raises
     ------
@@ -552,8 +552,8 @@ def make_plan(
     """
     _check_request(problem, method, options)
     if chaos is not None:
-        told = {"method": method, "active": active, "direction": direction, "options": options}
-        return plan_of_chaos(RandomLaws.of(problem), checked_chaos(chaos), None, times=times, **told)[1]
+        told: dict[str, Any] = {"method": method, "active": active, "direction": direction, "times": times}
+        return plan_of_chaos(RandomLaws.of(problem), checked_chaos(chaos), None, options=options, **told)[1]
     if problem.loosened:
         check_held(problem)
     check_determined(problem)

@@ -1,4 +1,5 @@
-"""Displacement, strain and rotation of a part where they are largest, from its unknowns: no form is compiled."""
+"""Displacement, strain and rotation of a part where they are largest, from its unknowns: nothing is compiled.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from dolfinx_frontend.assembly.elements import coordinate_element, tabulate
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.compat import cell_nodes
 
 __all__ = ["Deformation", "Largest", "deformations"]
@@ -37,7 +38,7 @@ class Deformation:
     rotation: Largest
 
 
-def deformations(part: Substructure, unknowns: Array, known: Array) -> Deformation:
+def deformations(part: Substructure, unknowns: Array, known: Flags) -> Deformation:
     """Where a part moves, strains and turns most.
 
     Parameters
@@ -54,10 +55,10 @@ def deformations(part: Substructure, unknowns: Array, known: Array) -> Deformati
     step, node = np.unravel_index(np.argmax(moved), moved.shape)
     displacement = Largest(float(moved[step, node]), int(steps[step]), part.dof_coordinates[node])
     element, cells = part.space.element.basix_element, np.asarray(part.space.dofmap.list)
-    nodes: Ints = np.asarray(cell_nodes(mesh))[: len(cells)]
-    corners = np.asarray(mesh.geometry.x)[nodes, :d]
+    nodes = np.asarray(cell_nodes(mesh))[: len(cells)]
+    corners: Array = np.asarray(mesh.geometry.x, dtype=np.float64)[nodes, :d]
     of_map = coordinate_element(mesh)
-    centre = np.mean(basix.geometry(of_map.cell_type), axis=0, keepdims=True)
+    centre: Array = np.asarray(basix.geometry(of_map.cell_type), dtype=np.float64).mean(axis=0)[None]
     shape = tabulate(of_map, 1, centre)[:, 0]
     by_cells = np.einsum("rn,cnd->crd", shape[1:], corners)  # (cells, reference, d)
     places = np.einsum("n,cnd->cd", shape[0], corners)

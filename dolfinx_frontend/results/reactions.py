@@ -108,7 +108,7 @@ class Reaction:
 
 
 def reaction(answer: Answer, name: str, alone: bool = False) -> Reaction | None:
-    """The reaction of an interface from the equilibrium of one of its parts, and of what is glued to it there.
+    """The reaction of an interface from the equilibrium of one of its parts, and of what is glued there.
 
     None: other interfaces that were assembled across hold the same nodes in the same directions; with `alone`
     glue is one of them.
@@ -121,7 +121,8 @@ def reaction(answer: Answer, name: str, alone: bool = False) -> Reaction | None:
         holders = _holders(answer, side.substructure, side.nodes, own, (name,))
         far: list[tuple[Ints, Callable[[Block], Array]]] | None = []
         if holders:
-            far = None if alone or len(interface.sides) > 1 else _through_glue(answer, side.nodes, own, holders)
+            whole = not alone and len(interface.sides) == 1
+            far = _through_glue(answer, side.nodes, own, holders) if whole else None
         if far is None:
             continue
         x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
@@ -134,7 +135,7 @@ def reaction(answer: Answer, name: str, alone: bool = False) -> Reaction | None:
 def _holders(
     answer: Answer, part: str, nodes: Ints, directions: Array | None, but: Sequence[str]
 ) -> list[tuple[Interface, int]]:
-    """Interfaces that were assembled across, and their sides, that hold nodes of a part in some directions."""
+    """Interfaces that were assembled across, and their sides, that hold nodes of a part in directions."""
     return [
         (other, k)
         for other in answer.problem.interfaces.values()
@@ -173,8 +174,8 @@ def _added(
 
     def forces(block: Block) -> Array:
         out = near(block)
-        for places, each in far:
-            np.add.at(out, (slice(None), slice(None), places), each(block))
+        for places, each in far:  # each node is in there once
+            out[:, :, places] += each(block)
         return np.asarray(out @ held)
 
     return forces

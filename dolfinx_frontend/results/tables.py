@@ -108,7 +108,9 @@ class Table:
         """
         values = self[column]
         if "time" not in self.labels:
-            raise SceneError("by_time: there is no history in the table: solve with times=[...], table(step=None)")
+            raise SceneError(
+                "by_time: there is no history in the table: solve with times=[...], and ask table(step=None)"
+            )
         labels = tuple(name for name in self.labels if name != "interface")
         rows = dict.fromkeys(zip(*(self.columns[name] for name in labels), strict=True))
         names = tuple(dict.fromkeys(self.columns["interface"]))

@@ -76,7 +76,7 @@ def is_zero(value: object) -> bool:
 
 
 def largest(value: object) -> float:
-    """Size of the largest number of a value, random ones at their means, amplitudes at 1; 0: it is not known."""
+    """Size of the largest number of a value, random ones at means, amplitudes at 1; 0: it is not known."""
     if isinstance(value, Varying):
         value = value.nominal
     if isinstance(value, Combination):

@@ -68,8 +68,8 @@ def _check_fields(result: Result) -> bool:
     if moved.value > LIMITS.displacement * size:
         beyond(
             f"displacement {moved.value:.3g} is {moved.value / size:.2g} of the size of the assembly, "
-            f"{_at(result, part, moved)}: loads act on the shape before; less load, more support, or a program "
-            "for large displacements",
+            f"{_at(result, part, moved)}: loads act on the shape before; less load, more support, or a "
+            "program for large displacements",
             "displacement",
         )
     _check_cells(result, found)
@@ -127,8 +127,8 @@ def _check_cells(result: Result, found: Mapping[str, Deformation]) -> None:
     if np.degrees(turned.value) > LIMITS.rotation:
         beyond(
             f"rotation by {np.degrees(turned.value):.3g} degrees, {_at(result, part, turned)}: rotations are "
-            f"those of small motions, up to {LIMITS.rotation:g} degrees; hold the part, or a program for large "
-            "displacements",
+            f"those of small motions, up to {LIMITS.rotation:g} degrees; hold the part, or take a "
+            "program for large displacements",
             "rotation",
         )
     part = max(found, key=lambda name: found[name].strain.value)
@@ -136,12 +136,14 @@ def _check_cells(result: Result, found: Mapping[str, Deformation]) -> None:
     if strain.value > LIMITS.strain:
         beyond(
             f"strain {strain.value:.2g}, {_at(result, part, strain)}, more than {LIMITS.strain:.0%}: with "
-            f"E = {modulus:.3g} that is a stress of {modulus * strain.value:.3g}, and what is linear here is off "
-            "by about as much; a soft layer, a part that would yield, or a load or a modulus in another unit",
+            f"E = {modulus:.3g} that is a stress of {modulus * strain.value:.3g}, and what is linear here is "
+            "off by about as much; a soft layer, a part that would yield, or a load or a modulus in another "
+            "unit",
             "strain",
         )
     soft, stiff = LIMITS.moduli
-    too_stiff = soft * LIMITS.units <= modulus <= stiff * LIMITS.units and _size(result.problem) > LIMITS.metres
+    in_pascals = soft * LIMITS.units <= modulus <= stiff * LIMITS.units
+    too_stiff = in_pascals and _size(result.problem) > LIMITS.metres
     if 0.0 < strain.value < LIMITS.nothing and too_stiff:
         beyond(
             f"strain {strain.value:.2g} at most, in part {part!r}: E in Pa with a mesh in mm? Then E is "
@@ -155,7 +157,9 @@ def _check_yield(result: Result, found: Mapping[str, Deformation], known: Flags)
     worst: tuple[float, str] = (1.0, "")
     for name, each in found.items():
         limit = getattr(result.problem.substructures[name].material, "yield_stress", None)
-        for step in {int(np.flatnonzero(known)[-1]), each.strain.step} if limit is not None else ():
+        if limit is None:
+            continue
+        for step in {int(np.flatnonzero(known)[-1]), each.strain.step}:
             try:
                 stress = result.stress(name, step, of="von Mises")
             except SceneError:  # of a plane part, say, that has no third axis

@@ -56,7 +56,8 @@ def test_a_refusal_ends_at_the_line_of_the_script(tmp_path: Path, setting: str, 
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
     lines = done.stderr.rstrip().splitlines()
     assert done.returncode == 1
-    assert lines[-1].startswith("dolfinx_frontend.common.errors.SceneError: ") and "did you mean 'bar'" in lines[-1]
+    assert lines[-1].startswith("dolfinx_frontend.common.errors.SceneError: ")
+    assert "did you mean 'bar'" in lines[-1]
     assert any('scene.fix("baar:x0")' in line for line in lines)
     assert any("dolfinx_frontend/scene" in line for line in lines) == inside
 

@@ -630,7 +630,7 @@ def test_a_long_table_is_cut_and_says_so() -> None:
 
 
 def test_the_reaction_of_a_support_that_ends_at_glue() -> None:
-    """Both blocks stand on supports that share an edge with the glue between them: 3 on one, 1 on the other."""
+    """A block stands on a support that shares an edge with the glue to another one: 3 on it, 1 beside it."""
     scene = lf.Scene()
     steel = lf.LinearElastic(1e3, 0.3)
     for name, x in (("a", 0.0), ("b", 1.0)):

@@ -406,8 +406,8 @@ class Law:
         for name, value in self.given(*self.frictions).items():
             size = largest(value)
             if size > LIMITS.friction:
-                percent = f"{size:g} %, friction = {size / 100.0:g}" if size >= 2.0 else "0.15 between steel"
-                return f"{self.title}: {name} = {short(value)} is beyond {LIMITS.friction:g}: is it {percent}?"
+                meant = f"{size:g} %, {name} = {size / 100.0:g}" if size >= 2.0 else "0.15, as between steel"
+                return f"{self.title}: {name} = {short(value)} is beyond {LIMITS.friction:g}: is it {meant}?"
         return ""
 
     def count(self, dim: int) -> int:
