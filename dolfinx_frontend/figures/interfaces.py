@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 __all__ = ["facet_corners", "interface_figure", "interface_map"]
 
 
+ROUND = 0.1
+"""Mean normal of an interface below which it goes all around."""
 STATE_COLOURS = ("#fff3c4", "#3b6fb6", "#e08214")
 """Of open, closed and slipping contacts; none is the grey of parts."""
 
@@ -234,8 +236,15 @@ def _drawn(problem: Any, interface: str, normal: Array, hide: Sequence[str] | No
     own = problem.substructures[described.sides[described.carrier].substructure]
     for name in hide or ():
         check_known("part", name, problem.substructures, "hide")
+        if name == own.name:
+            other = next((s.substructure for s in described.sides if s.substructure != name), "others")
+            raise SceneError(
+                f"interface_figure: hide = {name!r}, on which the points of {interface!r} are; hide {other}"
+            )
     if hide is None and own.dim == 2:
         hide = ()  # nothing covers anything
+    elif hide is None and float(np.linalg.norm(described.normals.mean(axis=0))) < ROUND:
+        hide = [s.substructure for s in described.sides]  # all around: from every side something covers it
     elif hide is None:
         plane = float(normal[: own.dim] @ described.points.mean(axis=0))
         hide = [

@@ -652,8 +652,9 @@ class Face(Shown, ABC):
         ``pressure_min``, ``_mean``, ``_max``; ``shear_max``. Of contacts ``open_area`` (no pressure); with
         friction ``slip_area`` (at its limit), ``slip_share`` (the same over what is closed), ``slip_use``
         (share of the friction limit of what is closed that is used up: at 1 all of it slips), ``slip_safety``
-        (that limit over the resultant ``shear``), and ``slip`` (length that the closed faces have moved along
-        each other, the most). Of interfaces that were eliminated as supports or glue, the
+        (what friction carries over the forces and moments along the joint, inf without them, NaN where it
+        cannot slide as a whole), and ``slip`` (length that the closed faces have moved along each other, the
+        most). Of interfaces that were eliminated as supports or glue, the
         reactions; their points carry no pressure that is known. Collective on several ranks.
 
         A random answer has a row per statistic: mean, standard deviation and quantiles of the number itself,

@@ -34,8 +34,10 @@ SQUARED = 1e150
 """Forces above it are scaled before they are squared."""
 OF_CONTACT = ("open_area", "slip_area", "slip_use", "slip", "slip_share", "slip_safety")
 """Columns of the table that only contacts have."""
-UNLOADED = 1e-9
-"""A shear below so much of the limit of friction is none."""
+UNLOADED = 1e-5
+"""What acts along an interface below so much of the limit of friction is nothing."""
+ACROSS = 1e-2
+"""Share (of the square) of a motion along the normals up to which it slides: facets stand for round faces."""
 PLANE = 1e-9
 """Normals within this of each other are those of a plane."""
 
@@ -181,27 +183,66 @@ def _normal_and_shear(force: Array, out: Array, tangents: Array) -> tuple[Array,
     return normal, np.sqrt(square)
 
 
+def _motions(surface: Surface) -> Array:
+    """Rigid motions along an interface, (k, m, d), of mean size 1: in a plane two translations and a rotation
+    about the centroid, on a cylinder along and around its axis, on most faces none."""
+    roots, places = np.sqrt(surface.weights / surface.area), surface.acting[0] - surface.centre
+    d, size = surface.dim, np.sqrt(np.mean(places**2)) or 1.0
+    turns = [np.cross(axis, places) if d == 3 else np.column_stack([-places[:, 1], places[:, 0]])
+             for axis in np.eye(3)[: 3 if d == 3 else 1]]
+    rigid = np.stack([*np.broadcast_to(np.eye(d)[:, None], (d, *places.shape)), *np.array(turns) / size])
+
+    def along(motions: Array) -> Array:
+        """Orthonormal ones (m d, k) without a normal part."""
+        columns = (roots[:, None] * motions).reshape(len(motions), -1).T
+        q, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        q = q[:, sizes > PLANE * sizes[0]]
+        across = np.einsum("pdk,pd->pk", q.reshape(*places.shape, -1), surface.normals)
+        shares, found = np.linalg.eigh(across.T @ across)
+        return np.asarray(q @ found[:, shares < ACROSS])
+
+    moved = along(rigid[:d])
+    every = along(rigid)
+    rest, sizes, _ = np.linalg.svd(every - moved @ (moved.T @ every), full_matrices=False)
+    chosen = np.column_stack([moved, rest[:, sizes > 0.5]])
+    return np.asarray(chosen.T.reshape(-1, *places.shape) / roots[:, None])
+
+
+def _safety(surface: Surface, force: Array, tangents: Array, limit: Array) -> Array:
+    """Friction over what acts along the interface, (...,): forces and moments in an ellipse; NaN: it cannot
+    slide as a whole. `limit` (..., m) is that of each point per area."""
+    motions = _motions(surface)
+    if not len(motions):
+        return np.full(limit.shape[:-1], np.nan)
+    weights = surface.weights
+    rows = {str(k): weights[:, None] * np.einsum("pcd,pd->pc", tangents, v) for k, v in enumerate(motions)}
+    acts = _summed(force, rows)
+    used = np.zeros(limit.shape[:-1])
+    for k, motion in enumerate(motions):
+        carries = limit @ (weights * np.linalg.norm(motion, axis=1))
+        used = used + np.divide(acts[str(k)], carries, out=np.zeros_like(used), where=carries > 0.0) ** 2
+    used = np.sqrt(used)
+    return np.divide(1.0, used, out=np.full_like(used, np.inf), where=used > UNLOADED)
+
+
 def _slipping(
-    weights: Array, sums: Mapping[str, Array], normal: Array, shear: Array, limits: tuple[Array, Array],
-    slipped: Array | None,
+    weights: Array, normal: Array, shear: Array, limits: tuple[Array, Array], slipped: Array | None
 ) -> dict[str, Array]:
     """Columns of friction: of forces (..., m), and how far each point has slipped (..., m), length."""
     open_, slips = contact_states(normal, shear, limits)
     limit = (limits[0] * np.abs(normal) + limits[1]) * ~open_ @ weights
     used, closed, at_limit = (shear * ~open_) @ weights, ~open_ @ weights, slips @ weights
-    total = sums["shear"] * np.ones_like(limit)
     if slipped is not None:  # by more than the rounding of places
         slipped = slipped * (slipped > ROUNDED * np.sqrt(weights.sum()))
 
-    def share(one: Array, of: Array, else_: float = 0.0) -> Array:
-        return np.divide(one, of, out=np.full_like(of, else_), where=of > 0.0)
+    def share(one: Array, of: Array) -> Array:
+        return np.divide(one, of, out=np.zeros_like(of), where=of > 0.0)
 
     return {
         "slip_area": at_limit,
         "slip_use": share(used, limit),
         "slip": np.full_like(limit, np.nan) if slipped is None else (slipped * ~open_).max(axis=-1),
         "slip_share": share(at_limit, closed),
-        "slip_safety": share(limit, np.where(total > UNLOADED * limit, total, 0.0), np.inf),
     }
 
 
@@ -252,7 +293,10 @@ def measure(
         values["open_area"] = contact_states(normal, shear, None)[0] @ weights
         if limits is not None:
             slipped = None if jump is None else _normal_and_shear(jump, out, tangents)[1]
-            values |= _slipping(weights, values, normal, shear, limits, slipped)
+            values |= _slipping(weights, normal, shear, limits, slipped)
+            closed = ~contact_states(normal, shear, None)[0]
+            limit = (limits[0] * np.abs(normal) + limits[1]) * closed
+            values["slip_safety"] = _safety(surface, force, tangents, limit)
     return values
 
 

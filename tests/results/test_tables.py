@@ -644,3 +644,46 @@ def test_the_reaction_of_a_support_that_ends_at_glue() -> None:
     assert table.value("force_y", "stand") == pytest.approx(4.0)
     centre = 0.5  # of the support, about which 3 turn by 0 and 1 by 1, and the shear at the top by 1
     assert table.value("moment_z", "stand") == pytest.approx(1.0 * (1.5 - centre) + 0.5 * 1.0)
+
+
+def face(points: Any, normals: Any) -> Surface:
+    """Points of area 1 with force components n, t1, t2."""
+    normals = np.asarray(normals, float)
+    along_x = np.abs(normals[:, :1]) > 0.9
+    first = np.cross(normals, np.where(along_x, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    frames = np.stack([normals, first, np.cross(normals, first)], axis=1)
+    ones = np.ones(len(points))
+    return Surface("joint", "Contact", np.asarray(points), ones, normals, frames, contact=True)
+
+
+def test_safety_against_slip_counts_forces_and_moments() -> None:
+    """A shaft in a hub under torque and thrust; a square under a force and a moment; the corner of a box."""
+    angles = np.repeat(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False), 5)
+    heights = np.tile(np.linspace(0.0, 30.0, 5), 24)
+    out = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    shaft = face(20.0 * out + heights[:, None] * [0.0, 0.0, 1.0], out)
+    around, up = np.cross([0.0, 0.0, 1.0], out), np.array([0.0, 0.0, 1.0])
+    limits = np.full((1, 1, 120), 0.2), np.zeros((1, 1, 120))
+
+    def safety(surface: Surface, traction: Any, pressure: float = 50.0) -> float:
+        vectors = traction - pressure * surface.normals
+        force = np.einsum("pcd,pd->pc", surface.frames, vectors)[None, None]
+        few = tuple(each[..., : len(vectors)] for each in limits)
+        return float(measure(surface, force, few)["slip_safety"][0, 0])
+
+    assert safety(shaft, 4.0 * around) == pytest.approx(10.0 / 4.0)  # mu p = 10
+    assert safety(shaft, 3.0 * around + 4.0 * up) == pytest.approx(10.0 / 5.0)
+    assert safety(shaft, 0.0 * out) == np.inf
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(-4.5, 5.0), np.arange(-4.5, 5.0)))
+    plate = face(np.column_stack([x, y, 0.0 * x]), np.tile([0.0, 0.0, 1.0], (100, 1)))
+    turned = 0.1 * np.column_stack([-y, x, 0.0 * x])
+    carries, acts = 10.0 * np.hypot(x, y).sum(), 0.1 * (x**2 + y**2).sum()
+    assert safety(plate, np.tile([3.0, 4.0, 0.0], (100, 1))) == pytest.approx(2.0)
+    assert safety(plate, turned) == pytest.approx(carries / acts)
+    both = safety(plate, turned + [3.0, 4.0, 0.0])
+    assert both == pytest.approx(1.0 / np.hypot(0.5, acts / carries))
+    some = plate.points[np.maximum(np.abs(x), np.abs(y)) < 3.0]  # 36
+    corner = np.concatenate([some, some[:, ::-1] + [5.0, 0.0, 0.0], some[:, [0, 2, 1]] + [0.0, 5.0, 0.0]])
+    normals = np.repeat([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], 36, axis=0)
+    assert np.isnan(safety(face(corner, normals), np.zeros((108, 3))))  # three planes hold each other
