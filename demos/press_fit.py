@@ -4,7 +4,7 @@
 
 Problem (N, mm, MPa)
     A shaft of 40 mm and a hub of 80 mm, 30 mm long, both steel, in a STEP file of nominal sizes: the solids
-    touch. The shaft is 0.02 mm too large in radius, which scatters by 10 %; friction is 0.12, which scatters by
+    touch. The shaft is 0.02 mm too large in radius, which scatters by 10 %; friction is 0.12 and scatters by
     15 %. The shaft is held at one end, and a torque of 600 Nm acts on the rim of the hub after the pressing.
 
 Checks
