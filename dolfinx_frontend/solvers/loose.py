@@ -43,9 +43,10 @@ def check_bolts(answer: Result | PointResults, what: str = "") -> None:
         pushes = force < -LOOSE * np.abs(force).max(axis=1, keepdims=True)
         if isinstance(answer, PointResults):  # without equilibrium a force means nothing
             pushes &= ~np.isin(answer.statuses.ravel(), (NO_EQUILIBRIUM, SLIDES))[:, None]
-            tightened = pushes & ~np.array(held)
+            given = np.where(held, 0.0, np.nan_to_num(force))  # known whatever comes of it
+            tightened = given < -LOOSE * np.abs(given).max(initial=0.0)
             if tightened.any():
-                count, least = tightened.any(axis=1).sum(), np.where(tightened, force, 0.0).min()
+                count, least = tightened.any(axis=1).sum(), given.min()
                 beyond(
                     f"interface {name!r}: {count} of {len(force)} {what}s tighten the bolt with a negative "
                     f"force (the least {least:.4g}): its distribution reaches below 0; a smaller cov, or "
