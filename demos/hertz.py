@@ -103,6 +103,8 @@ Array = npt.NDArray[np.float64]
 
 # that points oscillate is shown here
 warnings.filterwarnings("ignore", "interface 'contact': contact in the space 'points'")
+# the load of NAFEMS strains the block by 3 %; the closed form is that of small strains, too
+warnings.filterwarnings("ignore", "beyond the model: strain")
 
 OUTPUT = Path(__file__).resolve().parents[1] / "build" / "output" / "hertz"
 RADIUS, HALF_WIDTH, HEIGHT = 50.0, 100.0, 100.0  # mm: cylinder, half the block

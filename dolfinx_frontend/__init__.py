@@ -17,6 +17,8 @@ from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.interrupts import keep_broken_pipes as _keep_broken_pipes
 from dolfinx_frontend.common.progress import progress
+from dolfinx_frontend.common.tracebacks import debug
+from dolfinx_frontend.common.tracebacks import install as _install_tracebacks
 from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.decks.writing import to_deck as _to_deck  # noqa: F401  a method of Scene
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
@@ -90,6 +92,7 @@ from latin_core import Options
 from latin_core import __version__ as __version__
 
 _keep_broken_pipes()
+_install_tracebacks()
 
 _DEFERRED = {
     "figures": "figures",
@@ -205,6 +208,7 @@ __all__ = [
     "assemble",
     "calibrate",
     "compare_ways",
+    "debug",
     "discretisation_error",
     "errors",
     "export",

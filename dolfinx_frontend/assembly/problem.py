@@ -28,6 +28,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict, locked
+from dolfinx_frontend.common.html import Shown
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm, Term
@@ -51,7 +52,7 @@ def _may_hold_less(new: Law, old: Law, dim: int) -> bool:
 
 
 @dataclass(frozen=True)
-class Problem(OneProcess):
+class Problem(Shown, OneProcess):
     """An assembled scene.
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of

@@ -26,7 +26,7 @@ from mpi4py import MPI
 from dolfinx_frontend.common.alike import described, difference, digest
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import coordinate_map
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, telling
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.specs import SubstructureSpec
@@ -386,7 +386,7 @@ def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
             over = getattr(getattr(first, "_ranks", None), "comm", None)
             if isinstance(given, MPI.Intracomm) and given != MPI.COMM_NULL:
                 over = own_communicator(given)
-            with one_call(over, call), one_call(comm, call):
+            with telling(), one_call(over, call), one_call(comm, call):
                 return function(*args, **kwargs)
 
         return called

@@ -5,11 +5,22 @@ from __future__ import annotations
 import difflib
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from types import FrameType
 from typing import Any
 
-__all__ = ["BalanceError", "MemoryLimitError", "SceneError", "SceneWarning", "unknown_name", "warn"]
+__all__ = [
+    "BalanceError",
+    "MemoryLimitError",
+    "SceneError",
+    "SceneWarning",
+    "of_user",
+    "telling",
+    "unknown_name",
+    "warn",
+]
 
 _NOT_THE_USER = ("dolfinx_frontend", "latin_core", "contextlib", "functools")
 
@@ -76,13 +87,47 @@ def unknown_name(kind: str, name: Any, known: Iterable[str], where: str = "") ->
     return SceneError(f"{prefix}unknown {kind} {name!r}; {hint + ' ' if hint else ''}({listing})")
 
 
-def _package(frame: FrameType) -> str:
-    return str(frame.f_globals.get("__name__", "")).partition(".")[0]
+def of_user(frame: FrameType) -> bool:
+    """Whether a frame is of a script, and not of the packages or of what they are called through."""
+    return str(frame.f_globals.get("__name__", "")).partition(".")[0] not in _NOT_THE_USER
 
 
-def warn(message: str, category: type[Warning]) -> None:
-    """A warning at the line of a user's script, however deep in the package it comes from."""
+_told: ContextVar[set[str] | None] = ContextVar("told", default=None)
+
+
+@contextmanager
+def telling(told: set[str] | None = None) -> Iterator[None]:
+    """A call in which a warning with a key is given once, however often it is come across inside.
+
+    Parameters
+    ----------
+    told
+        Keys of warnings that were given, to which those of the call are added; None: those of the call around
+        it, or none.
+    """
+    if told is None:
+        told = _told.get()
+    token = _told.set(set() if told is None else told)
+    try:
+        yield
+    finally:
+        _told.reset(token)
+
+
+def warn(message: str, category: type[Warning], key: str = "") -> None:
+    """A warning at the line of a user's script, however deep in the package it comes from.
+
+    Parameters
+    ----------
+    key
+        What it is about: within one call (:func:`telling`) it is said once; empty: always.
+    """
+    told = _told.get()
+    if key and told is not None:
+        if key in told:
+            return
+        told.add(key)
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and _package(frame) in _NOT_THE_USER:
+    while frame.f_back is not None and not of_user(frame):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)

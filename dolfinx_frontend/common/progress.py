@@ -3,13 +3,17 @@
 They are drawn by tqdm, on the error stream, if that is a terminal and tqdm is installed, and appear after
 half a second. ``progress(False)``, or ``LATIN_PROGRESS=0`` in the environment, switches them off; so does
 tqdm's own ``TQDM_DISABLE=1``. The same steps are logged, see :mod:`logging`: loggers
-``dolfinx_frontend`` and ``latin_core``, phases at INFO, single points and iterations at DEBUG.
+``dolfinx_frontend`` and ``latin_core``, phases at INFO, single points and iterations at DEBUG. Where no bar
+is drawn, a line at INFO says every few seconds how far the innermost phase is.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
+import threading
+from time import monotonic, sleep
 from types import TracebackType
 from typing import Any, ClassVar, Self
 
@@ -17,7 +21,10 @@ from dolfinx_frontend.common.checks import checked_flag
 
 __all__ = ["Bar", "progress"]
 
+_log = logging.getLogger(__name__)
 _DELAY = 0.5  # seconds
+EVERY = 5.0
+"""Seconds between two lines of the log."""
 _on = os.environ.get("LATIN_PROGRESS", "1").strip().lower() not in ("0", "false", "no", "off")
 
 
@@ -67,7 +74,10 @@ class Bar:
     ) -> None:
         self._bar: Any = None
         self.what, self.unit, self.total, self.done = what, unit, total, 0
+        self.told, self.began = wanted, monotonic()
         Bar.running.append(self)
+        if wanted and _log.isEnabledFor(logging.INFO):
+            _tell()
         if not (wanted and _on and sys.stderr is not None and sys.stderr.isatty()):
             return
         try:
@@ -75,6 +85,16 @@ class Bar:
         except ImportError:
             return
         self._bar = tqdm(total=total, desc=what, unit=unit, leave=stays, delay=_DELAY, **_size())
+
+    def __str__(self) -> str:
+        of = "" if self.total is None else f" of {self.total}"
+        far = f"{self.unit} {self.done}{of}, " if self.done or self.total != 1 else ""
+        return f"{self.what}: {far}{monotonic() - self.began:.0f} s"
+
+    @property
+    def drawn(self) -> bool:
+        """Whether a terminal has it."""
+        return self._bar is not None
 
     def step(self, **shown: Any) -> None:
         """One step is done; the keyword arguments are shown behind the bar."""
@@ -93,3 +113,23 @@ class Bar:
             Bar.running.remove(self)
         if self._bar is not None:
             self._bar.close()
+
+
+_teller: threading.Thread | None = None
+
+
+def _tell() -> None:
+    """Have the running phases told until there is none."""
+    global _teller
+    if _teller is None or not _teller.is_alive():
+        _teller = threading.Thread(target=_telling, name="progress", daemon=True)
+        _teller.start()
+
+
+def _telling() -> None:
+    while Bar.running:
+        sleep(EVERY)
+        # a phase that has begun just now is no news
+        old = [bar for bar in list(Bar.running) if bar.told and monotonic() - bar.began > 0.5 * EVERY]
+        if old and not any(bar.drawn for bar in old):
+            _log.info("%s", old[-1])

@@ -130,6 +130,8 @@ class Life(logging.Handler):
         self._line(phase)
 
     def emit(self, record: logging.LogRecord) -> None:
+        if record.name.endswith(".progress"):
+            return  # which is told here, with the phase
         self.latest = record.getMessage().splitlines()[0] if record.getMessage() else ""
 
     def _line(self, text: str) -> None:

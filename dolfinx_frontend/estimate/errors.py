@@ -24,6 +24,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, late, pressed, stop_if_pressed
+from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error, with_dual
 from dolfinx_frontend.estimate.unseen import walls_not_seen
@@ -339,7 +340,8 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
         return result.found
     with agreement(result.problem.comm):
         result.problem.check_sources()
-    return _BY_KIND[result.kind](result, interest(result.problem.interfaces, quantity))
+    with Bar(1, "errors", "answer", result.problem.rank == 0):
+        return _BY_KIND[result.kind](result, interest(result.problem.interfaces, quantity))
 
 
 def _errors_of_run(

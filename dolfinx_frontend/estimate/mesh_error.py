@@ -495,7 +495,7 @@ def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
             f"active=[{name!r}]"
         )
     interface = result.problem.interfaces[name]
-    held = reaction(result, name)
+    held = reaction(result, name, alone=True)
     if held is None:
         raise SceneError(
             f"interface {name!r} shares nodes with others that hold them, its own force is not known: solve "

@@ -16,7 +16,16 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Answer, check_answer
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import vertex_nodes
-from dolfinx_frontend.figures.canvas import fit_height, plane_axes, rgb, round_down, save, sheet
+from dolfinx_frontend.figures.canvas import (
+    fit_height,
+    plane_axes,
+    rgb,
+    round_down,
+    save,
+    set_title,
+    sheet,
+    shown_at,
+)
 from dolfinx_frontend.figures.solids import Skin, Solid, arrow, draw_solid, joined, outline, skin_of
 from dolfinx_frontend.geometry.parts import Assembly
 
@@ -243,6 +252,8 @@ def deformed_figure(
     shown = quantity or (lambda v: np.asarray(np.linalg.norm(v, axis=1)))
     skins = [skin_of(u.function_space.mesh, None, u)[0] for u in functions]
     colours = [np.asarray(shown(s.values), dtype=float) for s in skins if s.values is not None]
+    if not isinstance(displacements, (Mapping, Sequence)):
+        title = (title or "displacement") + shown_at(displacements, step)
     return draw_coloured(
         names, skins, colours, path, scale=scale, label=label, view=view, lift=lift, title=title,
         renderer=renderer, arrows=arrows,
@@ -282,7 +293,7 @@ def draw_coloured(
     norm, map_ = Normalize(low, high), colormaps["viridis"]
     figure = sheet(6.5, 5.0)
     axis = figure.add_subplot()
-    axis.set_title(f"{title + ', ' if title else ''}displacements × {scale:g}", fontsize=11)
+    set_title(axis, title or "", scale)
     solids = []
     for name, skin, u, field in zip(names, skins, values, colours, strict=True):
         points = skin.points.copy()

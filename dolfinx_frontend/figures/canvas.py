@@ -56,7 +56,7 @@ def save(figure: Any, path: str | Path, blended: bool = False) -> Path:
     with Files() as files:
         files.folder(target.parent)
         temporary = files.enter_context(replaced(target))
-        picture.save(temporary, format="png", optimize=True, dpi=(_DPI, _DPI))
+        picture.save(temporary, format="png", dpi=(_DPI, _DPI))
     return target
 
 
@@ -76,6 +76,23 @@ def round_down(value: float) -> float:
     """The next lower number of the form 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-12)) * power)
+
+
+def shown_at(answer: Any, step: int, of: str = "") -> str:
+    """Of which step a picture is, and of which statistic, for its title; `of` names its field."""
+    times, kind = getattr(answer, "times", None), getattr(answer, "statistics", "value")
+    found = [] if times is None else [f"t = {times[step]:g}"]
+    if kind == "grid":
+        found.append("last point of the sweep")
+    elif kind != "value" and not any(word in of for word in ("std", "probability", "mean")):
+        found.append("mean")
+    return "".join(f", {each}" for each in found)
+
+
+def set_title(axis: Any, what: str, scale: float) -> None:
+    """The title of a deformed picture, on two lines where it is long."""
+    between = ",\n" if len(what) > 50 else ", "
+    axis.set_title(f"{what}{between if what else ''}displacements × {scale:g}", fontsize=11)
 
 
 def colours_of(count: int) -> list[str]:

@@ -15,7 +15,15 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS, Arrows, load_arrows
-from dolfinx_frontend.figures.canvas import fit_height, rgb, round_down, save, sheet
+from dolfinx_frontend.figures.canvas import (
+    fit_height,
+    rgb,
+    round_down,
+    save,
+    set_title,
+    sheet,
+    shown_at,
+)
 from dolfinx_frontend.figures.cuts import as_points, cut_solid
 from dolfinx_frontend.figures.solids import corner_weights, draw_solid, joined, outline, skin_of
 from dolfinx_frontend.io.facets import corner_fields, facet_fields
@@ -30,6 +38,8 @@ if TYPE_CHECKING:
 __all__ = ["facet_corners", "interface_figure", "interface_map"]
 
 
+ROUND = 0.1
+"""Mean normal of an interface below which it goes all around."""
 STATE_COLOURS = ("#fff3c4", "#3b6fb6", "#e08214")
 """Of open, closed and slipping contacts; none is the grey of parts."""
 
@@ -114,7 +124,7 @@ def interface_figure(
     norm, colours = _scale_of(values, quantity)
     figure = sheet(6.5, 5.0)
     axis = figure.add_subplot()
-    axis.set_title(f"{title + ', ' if title else ''}displacements × {scale:g}", fontsize=11)
+    set_title(axis, (title or f"{quantity} on {interface}") + shown_at(result, step, quantity), scale)
     solids = []
     for name, (skin, facets) in skins.items():
         points = skin.points.copy()
@@ -226,8 +236,15 @@ def _drawn(problem: Any, interface: str, normal: Array, hide: Sequence[str] | No
     own = problem.substructures[described.sides[described.carrier].substructure]
     for name in hide or ():
         check_known("part", name, problem.substructures, "hide")
+        if name == own.name:
+            other = next((s.substructure for s in described.sides if s.substructure != name), "others")
+            raise SceneError(
+                f"interface_figure: hide = {name!r}, on which the points of {interface!r} are; hide {other}"
+            )
     if hide is None and own.dim == 2:
         hide = ()  # nothing covers anything
+    elif hide is None and float(np.linalg.norm(described.normals.mean(axis=0))) < ROUND:
+        hide = [s.substructure for s in described.sides]  # all around: from every side something covers it
     elif hide is None:
         plane = float(normal[: own.dim] @ described.points.mean(axis=0))
         hide = [

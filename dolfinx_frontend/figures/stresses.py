@@ -17,6 +17,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.figures.assemblies import Arrows, draw_coloured
+from dolfinx_frontend.figures.canvas import shown_at
 from dolfinx_frontend.figures.solids import skin_of
 from dolfinx_frontend.results.answer import Answer, OfPart, check_answer
 from dolfinx_frontend.results.stress import Shared
@@ -117,7 +118,8 @@ def stress_figure(
     shown = f"{of} stress" if of in components else of
     bar = label or (f"standard deviation of {shown}" if deviation else shown)
     unit = bar.rpartition("(")[2].rstrip(")") + " " if bar.endswith(")") else ""
-    told = f"largest {colours[largest].max():.4g} {unit}in {names[largest]}"
+    told = f"{shown}{shown_at(result, step, 'std' if deviation else '')}, "
+    told += f"largest {colours[largest].max():.4g} {unit}in {names[largest]}"
     return draw_coloured(
         names, skins, colours, path, scale=scale, label=bar, view=view, lift=lift,
         title=f"{title}, {told}" if title else told, renderer=renderer, limits=limits, arrows=arrows,

@@ -23,7 +23,7 @@ from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import check_known, checked_name
 from dolfinx_frontend.common.deferred import spatial
-from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, telling, warn
 from dolfinx_frontend.formats.openturns import function_of
 from dolfinx_frontend.inference.events import Response, response
 from dolfinx_frontend.inference.gradients import Derivatives, Way, derivatives
@@ -37,9 +37,8 @@ from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, point_ranks
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings
 from dolfinx_frontend.results.accuracy import place_of
 from dolfinx_frontend.results.sweep import SweepResult
-from dolfinx_frontend.solvers.loose import check_bolts
+from dolfinx_frontend.solvers.model_limits import check_model
 from dolfinx_frontend.solvers.sampling import short_steps
-from dolfinx_frontend.solvers.sliding import check_sliding
 from dolfinx_frontend.solvers.support import named_without_equilibrium
 from dolfinx_frontend.solvers.sweep import checkpoint_path
 from dolfinx_frontend.uncertainty.expressions import Operand
@@ -153,8 +152,7 @@ class ProblemFunction:
         self._kept = int(min(KEPT, max(4, KEPT_BYTES // size)))
         fields = 2 * sum(i.num_points * i.dim for i in inputs.problem.interfaces.values()) * 8
         self._batch = int(max(1, BYTES // (size + fields * plan.steps + 1)))
-        self._pushing: list[str] = []  # bolts that were named
-        self._slid: list[str] = []  # contacts that were
+        self._warned: set[str] = set()  # warnings that were given
         self._looked = False
         self._reduced: Reduced | None = None
         self._journal: Journal | None = None
@@ -354,8 +352,8 @@ class ProblemFunction:
                 "point", answer, own, lambda k: inputs.problem_at(x[k]), inputs.acts
             )
             answer = replace(answer, points=solved)
-            self._pushing += check_bolts(answer, "point", self._pushing)
-            self._slid += check_sliding(answer, "point", self._slid)
+            with telling(self._warned):
+                check_model(answer, "point")
             values = self._read(answer, x)
         # of a large batch those at the end, which are neighbours of each other, would do little good
         spaced = np.linspace(0, len(x) - 1, min(len(x), self._kept)).round().astype(np.int64)

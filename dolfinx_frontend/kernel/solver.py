@@ -115,7 +115,8 @@ class Solver:
             bodies, interfaces = space.described()
             described = space.bodies.described._replace(bodies=bodies, interfaces=interfaces)
         self._core: Structure
-        self._core, own, acting = bridge.build(problem, plan, known, described)
+        with Bar(1, "factorise", "structure", problem.rank == 0):
+            self._core, own, acting = bridge.build(problem, plan, known, described)
         self.acting = ReadOnlyDict(acting)
         every = [own] if problem.comm is None else exchanged(problem.comm, own)
         self.bodies = tuple(body for bodies in every for body in bodies)

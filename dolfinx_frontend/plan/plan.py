@@ -30,6 +30,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import MemoryLimitError, SceneError
 from dolfinx_frontend.common.frozen import frozen, locked
+from dolfinx_frontend.common.html import table
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import (
@@ -48,8 +49,9 @@ from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of,
 from dolfinx_frontend.scene.laws import Elimination, Law
 from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.scene.values import is_plain, is_zero
+from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
-from latin_core import Options
+from latin_core import Options, stochastic
 
 __all__ = [
     "Decision",
@@ -307,6 +309,10 @@ class Plan:
             f"interfaces eliminated, {self.columns} columns; print it for the reasons)"
         )
 
+    def _repr_html_(self) -> str:
+        rows = [(d.what, d.choice, d.reason) for d in self.decisions]
+        return table(("decision", "choice", "because"), rows, (True,) * 3, ())
+
     def __str__(self) -> str:
         width = max(len(d.what) for d in self.decisions)
         lines = ["Plan"]
@@ -438,6 +444,34 @@ def plan_of_random(where: str, random: RandomLaws, given: Plan | None, way: Way,
     return plan
 
 
+def checked_chaos(chaos: Chaos | int) -> Chaos:
+    """A chaos, or that of an order."""
+    return chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
+
+
+def plan_of_chaos(
+    random: RandomLaws, chaos: Chaos, given: Plan | None, *, options: Options | None, **settings: Any
+) -> tuple[stochastic.ChaosBasis, Plan]:
+    """The modes of a chaos, and a given plan that keeps what is random, or one made for it.
+
+    Raises
+    ------
+    SceneError
+        As of :func:`plan_of_random`, or nothing is random.
+    """
+    if not random.every:
+        raise SceneError(
+            "chaos: nothing is random: give a law or a load a random parameter, or solve without chaos"
+        )
+    problem, times = random.problem, settings["times"]
+    options = options or (Options.plain() if settings["method"] == "latin" else Options())
+    rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
+    history = len(check_times(times)) if times is not None and problem.amplitudes else 1
+    basis = random.space.basis(chaos, rows=history * (problem.size + rows * (4 + 3 * options.acceleration)))
+    way = Way(None, len(basis), chaos.order, chaos.check_points)
+    return basis, plan_of_random("chaos", random, given, way, options=options, **settings)
+
+
 def _check_random(random: RandomLaws, eliminated: Container[str], times: Array | None) -> None:
     """As :func:`check_prescribed`, of samples of what is random; a random field counts as one number, which
     agrees with no other; collective."""
@@ -476,6 +510,7 @@ def make_plan(
     scaled: Iterable[str] = (),
     fields: Mapping[str, DiscretisedField] | None = None,
     way: Way | None = None,
+    chaos: Chaos | int | None = None,
 ) -> Plan:
     """Decide what is modelled.
 
@@ -507,6 +542,8 @@ def make_plan(
         Parts with a random field in their stiffness: what joins them to others may be eliminated.
     way
         Modes or points, of which the price is told; None: of one solution.
+    chaos
+        As for :func:`dolfinx_frontend.solve`: the plan, and the price, of a chaos of all that is random.
 
     Raises
     ------
@@ -514,6 +551,9 @@ def make_plan(
         Unknown method or interface, or an interface that cannot be modelled as asked.
     """
     _check_request(problem, method, options)
+    if chaos is not None:
+        told: dict[str, Any] = {"method": method, "active": active, "direction": direction, "times": times}
+        return plan_of_chaos(RandomLaws.of(problem), checked_chaos(chaos), None, options=options, **told)[1]
     if problem.loosened:
         check_held(problem)
     check_determined(problem)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.checks import check_kind, checked_whole
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.html import Shown
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Direction, Method, check_problem, make_plan, plan_for
@@ -49,7 +50,7 @@ class PricedWay(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Ways:
+class Ways(Shown):
     """Ways to an answer with their prices; ``print`` shows a table.
 
     Attributes

@@ -9,6 +9,7 @@ import numpy as np
 
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.html import Shown
 from dolfinx_frontend.results.resultant import Compared, Interest, Wanted
 
 __all__ = [
@@ -114,7 +115,7 @@ class MeshStep(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Errors:
+class Errors(Shown):
     """Errors of an answer by their source.
 
     Attributes

@@ -26,6 +26,7 @@ from dolfinx_frontend.common.checks import (
     told_call,
 )
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.html import Shown
 from dolfinx_frontend.results import tables, writing
 from dolfinx_frontend.results.answer import (
     AnswerKind,
@@ -66,7 +67,7 @@ _OF_QUANTITIES = ("quantile", "percentile", "probability")
 """What a number has, and an answer has not."""
 
 
-class Face(ABC):
+class Face(Shown, ABC):
     """Readings, tables, fields and files of an answer: see :class:`dolfinx_frontend.results.answer.Answer`.
 
     A class of answers gives `kind`, `blocks`, `unknowns`, `force` and `jump`; what is random also how its
@@ -179,7 +180,7 @@ class Face(ABC):
 
     @property
     def unsolved(self) -> tuple[str, ...]:
-        """What a table has to say of points that did not converge, a sentence each."""
+        """What a table has to say of a run or points that did not converge, a sentence each."""
         return ()
 
     @property
@@ -648,9 +649,12 @@ class Face(ABC):
 
         Columns (see :mod:`dolfinx_frontend.results.readings` for signs): area; ``force_x`` ...,
         ``moment_x`` ... on side 1, global axes; ``normal`` (tension > 0) and ``shear``, total;
-        ``pressure_min``, ``_mean``, ``_max``; ``shear_max``; ``open_area`` (no pressure), ``slip_area``
-        (friction at its limit) and ``slip_use`` (share of the friction limit of what is closed that is used
-        up: at 1 all of it slips) of contacts. Of interfaces that were eliminated as supports or glue, the
+        ``pressure_min``, ``_mean``, ``_max``; ``shear_max``. Of contacts ``open_area`` (no pressure); with
+        friction ``slip_area`` (at its limit), ``slip_share`` (the same over what is closed), ``slip_use``
+        (share of the friction limit of what is closed that is used up: at 1 all of it slips), ``slip_safety``
+        (what friction carries over the forces and moments along the joint, inf without them, NaN where it
+        cannot slide as a whole), and ``slip`` (length that the closed faces have moved along each other, the
+        most). Of interfaces that were eliminated as supports or glue, the
         reactions; their points carry no pressure that is known. Collective on several ranks.
 
         A random answer has a row per statistic: mean, standard deviation and quantiles of the number itself,
@@ -685,7 +689,8 @@ class Face(ABC):
         """Bolt forces of a load history before and after loading, see
         :func:`dolfinx_frontend.results.tables.bolts`; arguments as for :meth:`table`."""
         self.problem.check_alike("bolts", quantiles=quantiles)
-        return tables.bolts(self.readings(interfaces, samples, seed), quantiles)
+        found = tables.bolts(self.readings(interfaces, samples, seed), quantiles)
+        return replace(found, notes=(*found.notes, *self.unsolved))
 
     @together("readings")
     def readings(

@@ -107,30 +107,78 @@ class Reaction:
         return self._forces(block)
 
 
-def reaction(answer: Answer, name: str) -> Reaction | None:
-    """The reaction of an interface from the equilibrium of one of its parts.
+def reaction(answer: Answer, name: str, alone: bool = False) -> Reaction | None:
+    """The reaction of an interface from the equilibrium of one of its parts, and of what is glued there.
 
-    None: other interfaces that were assembled across hold the same nodes in the same directions.
+    None: other interfaces that were assembled across hold the same nodes in the same directions; with `alone`
+    glue is one of them.
     """
-    problem, known = answer.problem, answer.known
+    problem = answer.problem
     interface = problem.interfaces[name]
     own = _held_directions(interface)
+    held = np.eye(interface.dim) if own is None else own.T @ own
     for number, side in enumerate(interface.sides):
-        others = [
-            (other, each)
-            for other in problem.interfaces.values()
-            for each in other.sides
-            if other.name != name and other.name not in known and each.substructure == side.substructure
-        ]
-        clash = any(
-            np.isin(side.nodes, each.nodes).any() and not _apart(own, _held_directions(other))
-            for other, each in others
-        )
-        if not clash:
-            held = np.eye(interface.dim) if own is None else own.T @ own
-            x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
-            return Reaction(number, side.nodes, x, _residual(answer, name, number, held))
+        holders = _holders(answer, side.substructure, side.nodes, own, (name,))
+        far: list[tuple[Ints, Callable[[Block], Array]]] | None = []
+        if holders:
+            whole = not alone and len(interface.sides) == 1
+            far = _through_glue(answer, side.nodes, own, holders) if whole else None
+        if far is None:
+            continue
+        x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
+        near = _residual(answer, side.substructure, side.nodes)
+        forces = _added(near, far, (1.0 - 2.0 * number) * held)
+        return Reaction(number, side.nodes, x, forces)
     return None
+
+
+def _holders(
+    answer: Answer, part: str, nodes: Ints, directions: Array | None, but: Sequence[str]
+) -> list[tuple[Interface, int]]:
+    """Interfaces that were assembled across, and their sides, that hold nodes of a part in directions."""
+    return [
+        (other, k)
+        for other in answer.problem.interfaces.values()
+        for k, each in enumerate(other.sides)
+        if other.name not in but
+        and other.name not in answer.known
+        and each.substructure == part
+        and np.isin(nodes, each.nodes).any()
+        and not _apart(directions, _held_directions(other))
+    ]
+
+
+def _through_glue(
+    answer: Answer, nodes: Ints, directions: Array | None, holders: Sequence[tuple[Interface, int]]
+) -> list[tuple[Ints, Callable[[Block], Array]]] | None:
+    """What the parts behind glued nodes need there: places in `nodes`, and forces; None: others hold them."""
+    found = []
+    for glue, k in holders:
+        if glue.matching is None:
+            return None
+        part = glue.sides[1 - k].substructure
+        pairs = glue.matching[np.isin(glue.matching[:, k], nodes)]
+        behind = pairs[:, 1 - k].astype(np.int64)
+        if part not in answer.problem.substructures or _holders(
+            answer, part, behind, directions, (glue.name,)
+        ):
+            return None
+        found.append((np.searchsorted(nodes, pairs[:, k]), _residual(answer, part, behind)))
+    return found
+
+
+def _added(
+    near: Callable[[Block], Array], far: Sequence[tuple[Ints, Callable[[Block], Array]]], held: Array
+) -> Callable[[Block], Array]:
+    """Forces at nodes and behind them together, along what is held."""
+
+    def forces(block: Block) -> Array:
+        out = near(block)
+        for places, each in far:  # each node is in there once
+            out[:, :, places] += each(block)
+        return np.asarray(out @ held)
+
+    return forces
 
 
 def _cellwise(
@@ -154,12 +202,10 @@ def _cellwise(
     return forces
 
 
-def _residual(answer: Answer, name: str, number: int, held: Array) -> Callable[[Block], Array]:
-    """Forces (n, T, nodes, d) that balance the nodes of a side in the directions that are held, a projector
-    (d, d), besides loads and forces that are known."""
+def _residual(answer: Answer, name: str, nodes: Ints) -> Callable[[Block], Array]:
+    """Forces (n, T, nodes, d) that balance nodes of a part besides loads and forces that are known."""
     problem, times = answer.problem, answer.times
-    side = problem.interfaces[name].sides[number]
-    part, nodes = problem.substructures[side.substructure], side.nodes
+    part = problem.substructures[name]
     d = part.dim
     rows = (d * nodes[:, None] + np.arange(d)).ravel()
     matrix = part.matrix[rows]
@@ -219,6 +265,6 @@ def _residual(answer: Answer, name: str, number: int, held: Array) -> Callable[[
             given = answer.load(other)
             force = stepped(block.force(other) if given is None else given[None], times, 1)[..., 0, 0]
             out = out - sign * (force[..., None] * nodal).reshape(out.shape)
-        return np.asarray((1.0 - 2.0 * number) * out @ held)
+        return out
 
     return forces

@@ -7,6 +7,7 @@ force of a bolt); moments are about the centroid of the interface unless a point
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,20 +18,26 @@ import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_names, checked_numbers
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.reactions import Reaction, reaction
 from dolfinx_frontend.uncertainty.quantities import Kind
 
-__all__ = ["Measures", "Readings", "column_of", "known_interfaces", "measure", "read"]
+__all__ = ["Measures", "Readings", "column_of", "known_interfaces", "matched", "measure", "read"]
 
 SHARED = "eliminated, shares nodes with another support or glued face (solve with active=[...] to have it)"
 ROUNDED = 1e-14
 """Products of unit vectors up to this are those of orthogonal ones."""
 SQUARED = 1e150
 """Forces above it are scaled before they are squared."""
+OF_CONTACT = ("open_area", "slip_area", "slip_use", "slip", "slip_share", "slip_safety")
+"""Columns of the table that only contacts have."""
+UNLOADED = 1e-5
+"""What acts along an interface below so much of the limit of friction is nothing."""
+ACROSS = 1e-2
+"""Share (of the square) of a motion along the normals up to which it slides: facets stand for round faces."""
 PLANE = 1e-9
 """Normals within this of each other are those of a plane."""
 
@@ -109,12 +116,15 @@ class Readings:
         """Some of the interfaces."""
         if names is None:
             return self
-        names = [names] if isinstance(names, str) else checked_names("table", "interfaces", names)
+        given = [names] if isinstance(names, str) else names
+        names = matched("table", names, [*self.interfaces, *self.missing])
+        missing = {name: self.missing[name] for name in names if name in self.missing}
         for name in names:
-            if name in self.missing:
-                raise SceneError(f"table: interface {name!r}: {self.missing[name]}")
-            check_known("interface", name, self.interfaces, "table")
-        return replace(self, interfaces={n: self.interfaces[n] for n in names}, missing={})
+            if name in missing and name in given:
+                raise SceneError(f"table: interface {name!r}: {missing[name]}")
+            check_known("interface", name, (*self.interfaces, *missing), "table")
+        found = {n: self.interfaces[n] for n in names if n not in missing}
+        return replace(self, interfaces=found, missing=missing)
 
     @property
     def random(self) -> bool:
@@ -173,8 +183,74 @@ def _normal_and_shear(force: Array, out: Array, tangents: Array) -> tuple[Array,
     return normal, np.sqrt(square)
 
 
+def _motions(surface: Surface) -> Array:
+    """Rigid motions along an interface, (k, m, d), of mean size 1: in a plane two translations and a rotation
+    about the centroid, on a cylinder along and around its axis, on most faces none."""
+    roots, places = np.sqrt(surface.weights / surface.area), surface.acting[0] - surface.centre
+    d, size = surface.dim, np.sqrt(np.mean(places**2)) or 1.0
+    turns = [np.cross(axis, places) if d == 3 else np.column_stack([-places[:, 1], places[:, 0]])
+             for axis in np.eye(3)[: 3 if d == 3 else 1]]
+    rigid = np.stack([*np.broadcast_to(np.eye(d)[:, None], (d, *places.shape)), *np.array(turns) / size])
+
+    def along(motions: Array) -> Array:
+        """Orthonormal ones (m d, k) without a normal part."""
+        columns = (roots[:, None] * motions).reshape(len(motions), -1).T
+        q, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        q = q[:, sizes > PLANE * sizes[0]]
+        across = np.einsum("pdk,pd->pk", q.reshape(*places.shape, -1), surface.normals)
+        shares, found = np.linalg.eigh(across.T @ across)
+        return np.asarray(q @ found[:, shares < ACROSS])
+
+    moved = along(rigid[:d])
+    every = along(rigid)
+    rest, sizes, _ = np.linalg.svd(every - moved @ (moved.T @ every), full_matrices=False)
+    chosen = np.column_stack([moved, rest[:, sizes > 0.5]])
+    return np.asarray(chosen.T.reshape(-1, *places.shape) / roots[:, None])
+
+
+def _safety(surface: Surface, force: Array, tangents: Array, limit: Array) -> Array:
+    """Friction over what acts along the interface, (...,): forces and moments in an ellipse; NaN: it cannot
+    slide as a whole. `limit` (..., m) is that of each point per area."""
+    motions = _motions(surface)
+    if not len(motions):
+        return np.full(limit.shape[:-1], np.nan)
+    weights = surface.weights
+    rows = {str(k): weights[:, None] * np.einsum("pcd,pd->pc", tangents, v) for k, v in enumerate(motions)}
+    acts = _summed(force, rows)
+    used = np.zeros(limit.shape[:-1])
+    for k, motion in enumerate(motions):
+        carries = limit @ (weights * np.linalg.norm(motion, axis=1))
+        used = used + np.divide(acts[str(k)], carries, out=np.zeros_like(used), where=carries > 0.0) ** 2
+    used = np.sqrt(used)
+    return np.divide(1.0, used, out=np.full_like(used, np.inf), where=used > UNLOADED)
+
+
+def _slipping(
+    weights: Array, normal: Array, shear: Array, limits: tuple[Array, Array], slipped: Array | None
+) -> dict[str, Array]:
+    """Columns of friction: of forces (..., m), and how far each point has slipped (..., m), length."""
+    open_, slips = contact_states(normal, shear, limits)
+    limit = (limits[0] * np.abs(normal) + limits[1]) * ~open_ @ weights
+    used, closed, at_limit = (shear * ~open_) @ weights, ~open_ @ weights, slips @ weights
+    if slipped is not None:  # by more than the rounding of places
+        slipped = slipped * (slipped > ROUNDED * np.sqrt(weights.sum()))
+
+    def share(one: Array, of: Array) -> Array:
+        return np.divide(one, of, out=np.zeros_like(of), where=of > 0.0)
+
+    return {
+        "slip_area": at_limit,
+        "slip_use": share(used, limit),
+        "slip": np.full_like(limit, np.nan) if slipped is None else (slipped * ~open_).max(axis=-1),
+        "slip_share": share(at_limit, closed),
+    }
+
+
 def measure(
-    surface: Surface, force: Array, limits: tuple[Array, Array] | None = None
+    surface: Surface,
+    force: Array,
+    limits: tuple[Array, Array] | None = None,
+    jump: Array | None = None,
 ) -> dict[str, Array]:
     """Numbers of an interface from its force per area.
 
@@ -184,6 +260,8 @@ def measure(
         (..., m, components), in the frames of its law.
     limits
         Friction coefficient and threshold, each broadcast to (..., m); None: no friction.
+    jump
+        As the force, length; None: not known.
 
     Returns
     -------
@@ -210,15 +288,15 @@ def measure(
     values["pressure_max"] = -normal.min(axis=-1)
     values["shear_max"] = shear.max(axis=-1)
     nothing = np.full(force.shape[:-2], np.nan)
-    values["open_area"] = values["slip_area"] = values["slip_use"] = nothing
+    values |= dict.fromkeys(OF_CONTACT, nothing)
     if surface.contact:
-        open_, slips = contact_states(normal, shear, limits)
-        values["open_area"] = open_ @ weights
+        values["open_area"] = contact_states(normal, shear, None)[0] @ weights
         if limits is not None:
-            values["slip_area"] = slips @ weights
-            limit = (limits[0] * np.abs(normal) + limits[1]) * ~open_ @ weights
-            used = (shear * ~open_) @ weights
-            values["slip_use"] = np.divide(used, limit, out=np.zeros_like(used), where=limit > 0.0)
+            slipped = None if jump is None else _normal_and_shear(jump, out, tangents)[1]
+            values |= _slipping(weights, normal, shear, limits, slipped)
+            closed = ~contact_states(normal, shear, None)[0]
+            limit = (limits[0] * np.abs(normal) + limits[1]) * closed
+            values["slip_safety"] = _safety(surface, force, tangents, limit)
     return values
 
 
@@ -232,10 +310,12 @@ def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, A
     found = []
     for block in blocks:
         force, contact = stepped(block.force(name), answer.times, 1), block.contact(name)
+        rubs = contact is not None and contact.limits is not None
+        jump = stepped(block.jump(name), answer.times, 1) if rubs else None
         # the fields of a block are in memory already; what is computed from them is done in parts
         for part in chunks(len(force), force[0].size):
             limits = None if contact is None else contact[part].limits
-            found.append(measure(surface, force[part], limits))
+            found.append(measure(surface, force[part], limits, None if jump is None else jump[part]))
     return {column: np.concatenate([each[column] for each in found]) for column in found[0]}
 
 
@@ -253,8 +333,7 @@ def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[
     shape = resultants["force_x"].shape
     nothing = np.full(shape, np.nan)
     rest = (
-        "normal", "shear", "pressure_min", "pressure_mean", "pressure_max", "shear_max", "open_area",
-        "slip_area", "slip_use",
+        "normal", "shear", "pressure_min", "pressure_mean", "pressure_max", "shear_max", *OF_CONTACT,
     )  # fmt: skip
     values = {"area": np.full(shape, surface.area)} | resultants | dict.fromkeys(rest, nothing)
     normal = surface.normals[0]
@@ -310,10 +389,32 @@ def known_interfaces(
     """The wanted interfaces (None: all), whose force is known at their points."""
     if wanted is None:
         return list(answer.known)
-    chosen = [wanted] if isinstance(wanted, str) else checked_names(where, "interfaces", wanted)
+    chosen = matched(where, wanted, answer.known)
     for name in chosen:
         check_known("interface with a known force", name, answer.known, where)
     return chosen
+
+
+def matched(where: str, wanted: Sequence[str] | str, known: Sequence[str]) -> list[str]:
+    """Names that were given; one with ``*`` or ``?`` stands for all the known ones that it fits.
+
+    Raises
+    ------
+    SceneError
+        A pattern that none fits. Names are not checked.
+    """
+    given = [wanted] if isinstance(wanted, str) else checked_names(where, "interfaces", wanted)
+    found: dict[str, None] = {}
+    for each in given:
+        if each in known or not set(each) & set("*?"):
+            found[each] = None
+            continue
+        form = re.compile("".join({"*": ".*", "?": "."}.get(c, re.escape(c)) for c in each), re.DOTALL)
+        fits = [name for name in known if form.fullmatch(name)]
+        if not fits:
+            raise unknown_name("interface", each, known, where)
+        found |= dict.fromkeys(fits)
+    return list(found)
 
 
 def read(
@@ -338,7 +439,7 @@ def read(
     """
     every, times = answer.problem.interfaces, answer.times
     wanted = every if interfaces is None else interfaces
-    chosen = [wanted] if isinstance(wanted, str) else checked_names("table", "interfaces", wanted)
+    chosen = matched("table", list(wanted) if interfaces is None else wanted, list(every))
     for name in chosen:
         check_known("interface", name, every, "table")
     blocks = list(answer.blocks(samples, seed))
@@ -360,8 +461,8 @@ def read(
         if answer.statistics == "value":
             values = {column: v[0] for column, v in values.items()}
         found[name] = Measures(surface.centre, values, surface.law, surface.bolt)
-    if interfaces is not None:
-        for name, why in missing.items():
+    for name, why in missing.items():
+        if interfaces is not None and name in ([interfaces] if isinstance(interfaces, str) else interfaces):
             raise SceneError(f"table: interface {name!r}: {why}")
     weights = [block.weights for block in blocks if block.weights is not None]
     of_rule = np.concatenate(weights) if weights else None

@@ -155,6 +155,11 @@ class Result(Value, Face):
         return ended(self.status, self.error, self.place, self.plan.options.rtol, iterations)
 
     @property
+    def unsolved(self) -> tuple[str, ...]:
+        """What a table has to say of a run that did not converge."""
+        return () if self.converged else (f"NOT CONVERGED: {self.ended}",)
+
+    @property
     def kind(self) -> AnswerKind:
         """``"deterministic"``, or ``"history"`` of a load history."""
         return "deterministic" if self.times is None else "history"

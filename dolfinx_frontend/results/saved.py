@@ -342,7 +342,9 @@ class SavedResult(Face):
     @property
     def unsolved(self) -> tuple[str, ...]:
         """How many points of samples and sweeps ended otherwise than converged, and which."""
-        return unsolved(self.statuses) if self.kind in ("samples", "sweep") else ()
+        if self.kind in ("samples", "sweep"):
+            return unsolved(self.statuses)
+        return () if self.converged else (f"NOT CONVERGED: {self.status}",)
 
     @property
     def status(self) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.common import html
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_known,
@@ -32,8 +33,12 @@ from dolfinx_frontend.scene.amplitudes import check_step
 __all__ = ["QUANTILES", "Table", "bolts", "summarise"]
 
 QUANTILES = (0.05, 0.5, 0.95)
+ROWS = 40
+"""Rows of a printed table, with its blocks below each other."""
 WIDTH = 110
 """Characters of a line of a printed table."""
+_WORDS = ("interface", "law", "statistic")
+"""Columns of words."""
 _FORMULA, _BLANKS = ("=", "+", "-", "@"), ("\t", "\r", "\n")
 """What a formula begins with in a spreadsheet."""
 ROUNDING = 1e-8
@@ -91,6 +96,30 @@ class Table:
             )
         return float(self[column][rows[0]])
 
+    def by_time(self, column: str) -> Table:
+        """One column of a history beside each other: a row per time (and statistic), a column per interface.
+
+        ``print(result.table("bolt*", step=None).by_time("normal"))``.
+
+        Raises
+        ------
+        SceneError
+            No such column, or no history.
+        """
+        values = self[column]
+        if "time" not in self.labels:
+            raise SceneError(
+                "by_time: there is no history in the table: solve with times=[...], and ask table(step=None)"
+            )
+        labels = tuple(name for name in self.labels if name != "interface")
+        rows = dict.fromkeys(zip(*(self.columns[name] for name in labels), strict=True))
+        names = tuple(dict.fromkeys(self.columns["interface"]))
+        keys = zip(*(self.columns[name] for name in ("interface", *labels)), strict=True)
+        found = {key: float(value) for key, value in zip(keys, values, strict=True)}
+        columns: dict[str, Sequence[Any]] = dict(zip(labels, zip(*rows, strict=True), strict=True))
+        columns |= {name: [found.get((name, *row), math.nan) for row in rows] for name in names}
+        return Table(columns, labels, (f"{column} of each interface", *self.notes))
+
     def rows(self) -> Iterator[dict[str, Any]]:
         """One dict per row."""
         for entries in zip(*self.columns.values(), strict=True):
@@ -118,13 +147,32 @@ class Table:
             raise SceneError("to_pandas needs pandas: install it, or use to_csv") from error
         return pandas.DataFrame(self.columns).set_index(list(self.labels))
 
-    def __str__(self) -> str:
+    def _cells(self) -> tuple[dict[str, list[str]], list[str]]:
+        """Columns as they are shown, of a long table its two ends, and notes."""
         largest = self._largest()
+        left_out = len(self) - ROWS if len(self) > ROWS + 1 else 0
+        keep = [*range(ROWS // 2), *range(len(self) - ROWS // 2, len(self))] if left_out else range(len(self))
         shown = {
-            n: [_shown(v, 0.0 if n in self.labels else ROUNDING * largest[_kind(n)]) for v in c]
+            n: [_shown(c[k], 0.0 if n in self.labels else ROUNDING * largest[self._kind(n)]) for k in keep]
             for n, c in self.columns.items()
             if not _empty(c)
         }
+        if left_out:
+            shown = {n: [*c[: ROWS // 2], "...", *c[ROWS // 2 :]] for n, c in shown.items()}
+        more = f"{left_out} rows of {len(self)} are left out: to_csv(), to_pandas() and rows() have all; "
+        more += "table(names, step=...) has fewer, by_time(column) puts interfaces beside each other"
+        return shown, [*((more,) if left_out else ()), *self.notes]
+
+    def _repr_html_(self) -> str:
+        shown, notes = self._cells()
+        left = [name in _WORDS for name in shown]
+        return html.table(list(shown), list(zip(*shown.values(), strict=True)), left, notes)
+
+    def _kind(self, column: str) -> str:
+        return _kind(column) if "interface" in self.labels else ""  # beside each other they are of one kind
+
+    def __str__(self) -> str:
+        shown, every = self._cells()
         widths = {n: max(len(n), *(len(v) for v in c)) if c else len(n) for n, c in shown.items()}
         blocks: list[list[str]] = [[]]
         fixed = sum(widths[n] + 2 for n in self.labels)
@@ -138,7 +186,7 @@ class Table:
             blocks[-1].append(name)
             room -= widths[name] + 2
         texts = [self._block(shown, [*self.labels, *names]) for names in blocks]
-        notes = [line for note in self.notes for line in textwrap.wrap(note, WIDTH)]
+        notes = [line for note in every for line in textwrap.wrap(note, WIDTH)]
         return "\n\n".join(texts) + "".join(f"\n{line}" for line in notes)
 
     def _largest(self) -> dict[str, float]:
@@ -148,9 +196,9 @@ class Table:
             if name in self.labels:
                 continue
             numbers = [abs(v) for v in column if isinstance(v, float) and math.isfinite(v)]
-            largest[_kind(name)] = max([largest.get(_kind(name), 0.0), *numbers])
-        if "slip_use" in largest:
-            largest["slip_use"] = 1.0  # a ratio
+            largest[self._kind(name)] = max([largest.get(self._kind(name), 0.0), *numbers])
+        if "ratio" in largest:
+            largest["ratio"] = 1.0
         if "moment" in largest:
             axes = sum(name.startswith("force_") for name in self.columns)
             size = largest["area"] ** (1.0 / (axes - 1))
@@ -158,8 +206,11 @@ class Table:
         return largest
 
     def _block(self, shown: dict[str, list[str]], names: list[str]) -> str:
-        sides = "".join("<" if n in ("interface", "law", "statistic") else ">" for n in names)
-        return "\n".join(columns([names, *zip(*(shown[n] for n in names), strict=True)], sides))
+        sides = "".join("<" if n in _WORDS else ">" for n in names)
+        own = [k for k, name in enumerate(names) if name not in self.labels]
+        every = list(zip(*(shown[n] for n in names), strict=True))
+        rows = [row for row in every if not own or any(row[k] != "-" for k in own)]
+        return "\n".join(columns([names, *rows], sides))
 
     def __repr__(self) -> str:
         return str(self)
@@ -178,8 +229,10 @@ def _kind(column: str) -> str:
     """Kind of a column; a number far below the others of its kind is rounding."""
     if column in ("normal", "shear", "before", "after", "change", "lowest", "highest"):
         return "force"
-    if column == "slip_use":
-        return column
+    if column in ("slip_use", "slip_share", "slip_safety"):
+        return "ratio"
+    if column == "slip":
+        return "length"
     return "pressure" if column == "shear_max" else column.split("_")[0]
 
 
@@ -200,17 +253,20 @@ def _statistics(
 ) -> Iterator[tuple[str, Array]]:
     """Statistics over the samples, the first axis of the values."""
     weights = readings.weights
-    mean = np.average(values, axis=0, weights=weights)
-    yield "mean", mean
-    if weights is not None:
-        # a rule with negative weights may be too coarse for a variance
-        yield "std", np.sqrt(np.maximum(np.average((values - mean) ** 2, axis=0, weights=weights), 0.0))
-        return
-    many = len(values) > 1
-    lost = 0 if readings.statistics == "qmc" else 1
-    yield "std", np.std(values, axis=0, ddof=lost) if many else np.full_like(mean, np.nan)
-    for q in quantiles:
-        yield f"{100.0 * q:g} %", np.quantile(values, q, axis=0, method="median_unbiased")
+    found: dict[str, Array] = {}
+    with np.errstate(invalid="ignore"):  # a safety without a load is infinite
+        mean = found["mean"] = np.average(values, axis=0, weights=weights)
+        if weights is not None:
+            # a rule with negative weights may be too coarse for a variance
+            square = np.average((values - mean) ** 2, axis=0, weights=weights)
+            found["std"] = np.sqrt(np.maximum(square, 0.0))
+        else:
+            lost = 0 if readings.statistics == "qmc" else 1
+            many = len(values) > 1
+            found["std"] = np.std(values, axis=0, ddof=lost) if many else np.full_like(mean, np.nan)
+            for q in quantiles:
+                found[f"{100.0 * q:g} %"] = np.quantile(values, q, axis=0, method="median_unbiased")
+    yield from found.items()
 
 
 def _check_quantiles(quantiles: Sequence[float]) -> None:

@@ -19,7 +19,13 @@ from ufl.algorithms import extract_arguments, extract_coefficients
 from ufl.domain import extract_unique_domain
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import checked_axes, checked_numbers, checked_reals, is_real
+from dolfinx_frontend.common.checks import (
+    checked_axes,
+    checked_number,
+    checked_numbers,
+    checked_reals,
+    is_real,
+)
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
@@ -116,12 +122,16 @@ class LinearElastic:
         scene it is ``"axisymmetric"`` by itself.
     alpha
         Coefficient of thermal expansion, 1 / temperature, that :meth:`Scene.temperature` takes; None: none.
+    yield_stress
+        Force / area, > 0: answers whose von Mises stress is above it say so, but of plane parts; None: nobody
+        looks.
     """
 
     E: Any
     nu: Any
     plane: str = "strain"
     alpha: Any = None
+    yield_stress: float | None = None
 
     def __post_init__(self) -> None:
         _check_plane("LinearElastic", self.plane)
@@ -143,6 +153,8 @@ class LinearElastic:
             _check_known("LinearElastic", "alpha", self.alpha)
             if not isinstance(self.alpha, ufl.core.expr.Expr):
                 object.__setattr__(self, "alpha", checked_expansion("LinearElastic", self.alpha))
+        if self.yield_stress is not None:
+            checked_number("LinearElastic", "yield_stress", self.yield_stress, above=0.0)
         shown = short(self.E) if isinstance(self.E, int) else repr(self.E)
         if is_real(self.E) and not 0.0 < self.E <= sys.float_info.max:
             raise SceneError(f"LinearElastic: E = {shown}; Young's modulus is positive, finite")

@@ -27,8 +27,10 @@ from dolfinx_frontend.common.checks import (
     is_whole,
 )
 from dolfinx_frontend.common.describe import columns, short
-from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.html import Shown
+from dolfinx_frontend.common.model_limits import LIMITS, beyond
 from dolfinx_frontend.common.recorded import Journal, journaled
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.bolts import BoltStiffness
@@ -68,7 +70,7 @@ from dolfinx_frontend.scene.specs import (
     SubstructureSpec,
     check_face,
 )
-from dolfinx_frontend.scene.values import Value, is_random_field, is_uncertain
+from dolfinx_frontend.scene.values import Value, is_plain, is_random_field, is_uncertain, largest
 
 __all__ = ["Scene"]
 
@@ -79,7 +81,17 @@ _LINE = 1e-6
 def _doubt(where: str, law: Law) -> None:
     """Warn of values that are probably not meant."""
     if law.doubt:
-        warn(f"{where}: {law.doubt}", SceneWarning)
+        beyond(f"{where}: {law.doubt}")
+
+
+def _check_expansion(where: str, alpha: float, dT: float) -> None:
+    """Warn of a thermal strain that no solid has."""
+    strain = alpha * dT
+    if strain <= LIMITS.thermal_strain:
+        return
+    cause = f"alpha in 1e-6 per kelvin? {alpha:g}e-6 is one" if alpha >= LIMITS.friction else "alpha, or dT?"
+    beyond(f"{where}: alpha dT = {alpha:g} x {dT:g} is a strain of {strain:.3g}, more than "
+           f"{LIMITS.thermal_strain:.0%}: {cause}")
 
 
 def _components_of(value: Any) -> list[Any] | None:
@@ -92,7 +104,7 @@ def _components_of(value: Any) -> list[Any] | None:
     return list(value) if scattered(value) or any(map(scattered, value)) else None
 
 
-class Scene:
+class Scene(Shown):
     """Substructures and interfaces.
 
     Parameters
@@ -941,6 +953,8 @@ class Scene:
                     "changes in time: multiply it instead"
                 )
             values["factor"] = factor
+        if is_plain(alpha):
+            _check_expansion(where, largest(alpha), largest(values.get("dT", 0.0)))
         self._add("temperature", part, name, values, {k: (v, alpha) for k, v in shapes.items()})
 
     def __repr__(self) -> str:

@@ -27,6 +27,7 @@ __all__ = [
     "is_random_field",
     "is_uncertain",
     "is_zero",
+    "largest",
     "number",
 ]
 
@@ -72,6 +73,17 @@ def number(value: object) -> float | None:
 def is_zero(value: object) -> bool:
     """Whether a value is plainly nothing: None, or numbers that are all 0."""
     return value is None or (is_plain(value) and not np.any(np.asarray(value)))
+
+
+def largest(value: object) -> float:
+    """Size of the largest number of a value, random ones at means, amplitudes at 1; 0: it is not known."""
+    if isinstance(value, Varying):
+        value = value.nominal
+    if isinstance(value, Combination):
+        return sum(abs(coefficient) * largest(term) for coefficient, term in value.terms)
+    if is_plain(value):
+        return float(np.abs(np.asarray(value, dtype=np.float64)).max(initial=0.0))
+    return abs(float(value.mean)) if isinstance(value, Parameter) else 0.0
 
 
 def evaluate(

@@ -222,11 +222,16 @@ def _of_joint(
     load = max(loads, key=lambda each: float(np.abs(each).max()))
     at = np.abs(load).argmax(axis=1)
     own["F_A"] = _at(load, at)
-    if np.all(np.abs(own["F_A"]) > LITTLE * np.abs(after).max()):
-        own["Phi"] = _at(after - after[:, :1], at) / own["F_A"]
-    else:
+    gains = _at(after - after[:, :1], at)
+    why = ""
+    if np.any(np.abs(own["F_A"]) <= LITTLE * np.abs(after).max()):
         why = "Φ: no axial load of 1 % of the bolt force acts on bolt and joint after tightening"
+    elif np.any(np.abs(gains) > (1.0 + LITTLE) * np.abs(own["F_A"])):
+        why = "Φ: the bolt force changes by more than the axial load: by heat or bending, not by a load"
+    if why:
         found.why.setdefault(why, []).append(bolt.name)
+    else:
+        own["Phi"] = gains / own["F_A"]
 
 
 def _at(values: Array, step: Ints) -> Array:

@@ -33,7 +33,7 @@ tr.weak td{background:#fde3d3}tr.weak td.l{font-weight:700}
 tr.head td{background:#f4f6f8;font-weight:600;text-align:left}
 .fail{color:var(--red);font-weight:700}
 figure{margin:.8em 0;display:inline-block;max-width:49%;vertical-align:top}
-figure img{max-width:100%;height:auto}figcaption{color:var(--grey);font-size:.9em}
+figure img,figure canvas{max-width:100%;height:auto}figcaption{color:var(--grey);font-size:.9em}
 pre{background:#f4f6f8;padding:.8em;overflow-x:auto;font-size:.8em;white-space:pre-wrap}
 @media print{body{margin:0;max-width:none;font-size:10px}.wide{overflow:visible}
 h2{break-after:avoid}tr,figure,.verdict{break-inside:avoid}

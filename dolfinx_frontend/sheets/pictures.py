@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import FileError
 from dolfinx_frontend.figures.assemblies import deformed_figure
 from dolfinx_frontend.figures.canvas import LINES, save, sheet
@@ -19,8 +20,9 @@ from dolfinx_frontend.figures.interfaces import interface_figure
 from dolfinx_frontend.figures.solids import RenderError
 from dolfinx_frontend.results.answer import Answer
 from dolfinx_frontend.sheets.seals import Seal, SealNumbers
+from dolfinx_frontend.sheets.turning import view_of
 
-__all__ = ["Picture", "draw", "forces_picture", "margins_picture", "ring_picture", "solid_pictures"]
+__all__ = ["Picture", "View", "draw", "forces_picture", "margins_picture", "ring_picture", "solid_pictures"]
 
 _log = logging.getLogger(__name__)
 MOST = 12
@@ -34,6 +36,12 @@ class Picture(NamedTuple):
 
     title: str
     data: str
+
+
+class View(NamedTuple):
+    """HTML of a picture that turns."""
+
+    html: str
 
 
 def draw(title: str, make: Callable[[Path], object]) -> Picture | str:
@@ -141,9 +149,9 @@ def ring_picture(seal: Seal, numbers: SealNumbers, unit: str, path: Path) -> Non
 
 def solid_pictures(
     answer: Any, interfaces: Sequence[str], units: Mapping[str, str], renderer: str
-) -> list[Picture | str]:
+) -> list[Picture | View | str]:
     """The assembly, and the pressure on some of its interfaces."""
-    found = []
+    found: list[Picture | View | str] = []
     for name in interfaces:
 
         def pressure(path: Path, name: str = name) -> object:
@@ -155,6 +163,12 @@ def solid_pictures(
     label = _with(units["length"], "|u|")
     if answer.without_displacements is not None:
         return [*found, f"{title}: {answer.without_displacements}"]
+    try:
+        view = view_of(answer, units["length"])
+    except SceneError as error:
+        return [*found, f"{title}: {str(error).partition(chr(10))[0]}"]
+    if view.startswith("<"):
+        return [*found, View(view)]
     return [*found, draw(title, lambda p: deformed_figure(answer, p, label=label, renderer=renderer))]
 
 

@@ -25,6 +25,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import Files, writable
+from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.formats.chaos_file import software
 from dolfinx_frontend.results.answer import Answer, check_answer
 from dolfinx_frontend.results.saved import load
@@ -42,7 +43,7 @@ from dolfinx_frontend.sheets.content import (
 )
 from dolfinx_frontend.sheets.names import BOLT, SEAL, by_pattern, units_of
 from dolfinx_frontend.sheets.page import Cell, number
-from dolfinx_frontend.sheets.pictures import Picture
+from dolfinx_frontend.sheets.pictures import Picture, View
 from dolfinx_frontend.sheets.seals import seals_of
 from dolfinx_frontend.sheets.statistics import Known, errors_known, label, tightened
 
@@ -216,7 +217,9 @@ def report(
         that has a joint for itself by a dual problem, one or two more solves for each; False: neither; or
         the :class:`Errors` of another answer on these meshes.
     pictures, renderer
-        Whether there are any, and what draws solids, see :func:`dolfinx_frontend.figures.assembly_figure`.
+        Whether there are any, and what draws solids, see :func:`dolfinx_frontend.figures.assembly_figure`;
+        ``"auto"`` is matplotlib here, which is at hand at once. The assembly turns, unless it has too many
+        triangles.
     samples, seed
         Of a chaos: this many random samples (None: 4096).
 
@@ -250,12 +253,13 @@ def report(
         "samples": samples,
         "seed": seed,
     }
-    if result.problem.comm is None:
-        known = partial(errors_known, result, errors)
-        tight = partial(tightened, result) if _carries_on(errors) else _none
-        made = _made(result, known, tight, **settings)
-    else:
-        made = _over_ranks(result, errors, settings)
+    with Bar(1, "report", "sheet", result.problem.rank == 0):
+        if result.problem.comm is None:
+            known = partial(errors_known, result, errors)
+            tight = partial(tightened, result) if _carries_on(errors) else _none
+            made = _made(result, known, tight, **settings)
+        else:
+            made = _over_ranks(result, errors, settings)
     if path is not None and result.problem.rank == 0:
         made.save(path)
     return made
@@ -363,9 +367,10 @@ def _positive(what: str, given: Any, names: list[str], least: bool = False) -> d
 
 
 # --- pictures --------------------------------------------------------------------------------------
-def _pictures(content: Content, renderer: str) -> list[Picture | str]:
+def _pictures(content: Content, renderer: str) -> list[Picture | View | str]:
     answer, units = content.answer, content.wanted.units
-    found: list[Picture | str] = []
+    renderer = "matplotlib" if renderer == "auto" else renderer  # which starts no other process
+    found: list[Picture | View | str] = []
     margins = margins_of(content)
     if margins:
         found.append(drawn.draw("least margin of each bolt", lambda p: drawn.margins_picture(margins, p)))
@@ -393,7 +398,7 @@ def _pictures(content: Content, renderer: str) -> list[Picture | str]:
 
 
 # --- the page --------------------------------------------------------------------------------------
-def _sections(content: Content, title: str, images: Sequence[Picture | str]) -> Iterator[str]:
+def _sections(content: Content, title: str, images: Sequence[Picture | View | str]) -> Iterator[str]:
     yield f"<h1>{escape(title)}</h1>"
     yield html.paragraph(status_line(content), "sub")
     for text, bad in content.verdicts:
@@ -406,10 +411,10 @@ def _sections(content: Content, title: str, images: Sequence[Picture | str]) -> 
         yield _details(content, "gasket", list(content.seals))
     if not content.rows:
         yield from _interfaces(content)
-    shown = [each for each in images if isinstance(each, Picture)]
+    shown = [each.html if isinstance(each, View) else html.figure(*each)
+             for each in images if not isinstance(each, str)]
     if shown:
-        mean = drawn.shown_answer(content.answer)
-        yield f"<h2>Pictures{mean}</h2>" + "".join(html.figure(*each) for each in shown)
+        yield f"<h2>Pictures{drawn.shown_answer(content.answer)}</h2>" + "".join(shown)
     if content.order:
         yield "<h2>All numbers of the bolts</h2>"
         yield _details(content, "bolt", content.order)

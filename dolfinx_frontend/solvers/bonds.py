@@ -63,6 +63,7 @@ def _say_snaps(result: HistoryResult, bonds: list[str]) -> None:
             f"bond {' or '.join(map(repr, bonds))}: {text}: on its way the load would have to fall by "
             f"{falls[step]:.0%}; the states before and behind are equilibria, between them it moves",
             SceneWarning,
+            f"{bonds} falls",
         )
 
 
@@ -90,6 +91,7 @@ def _check_cells(result: Result, interface: Interface) -> None:
             f"{cells[worst]:.2g} cells at ({place}): the mesh decides at which load; make cells of its faces "
             f"smaller than {zone[worst] / CELLS:.2g}",
             SceneWarning,
+            f"{name} cells",
         )
 
 

@@ -24,10 +24,8 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, accuracy_of_run
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
-from dolfinx_frontend.solvers.bonds import check_bonds
-from dolfinx_frontend.solvers.loose import check_bolts
+from dolfinx_frontend.solvers.model_limits import check_model
 from dolfinx_frontend.solvers.refinement import corrected
-from dolfinx_frontend.solvers.sliding import check_sliding
 from dolfinx_frontend.solvers.support import Support, check_support
 
 __all__ = ["check_start", "solve_on", "solve_once", "start_states"]
@@ -77,15 +75,11 @@ def solve_once(
     except BalanceError as lost:
         if result.statuses[0] == "converged" and result.statuses[lost.step] != "converged":
             lost.answer = result
-            check_bolts(result)
-            check_bonds(result)
-            check_sliding(result)
+            check_model(result)
         raise
     if slips and result.status == SLIDES:
         result = result.with_notes(verdict=NO_EQUILIBRIUM)
-    check_bolts(result)
-    check_bonds(result)
-    check_sliding(result)
+    check_model(result)
     return result
 
 

@@ -36,14 +36,22 @@ from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.fitting import SHARE, fitted
 from dolfinx_frontend.kernel.running import within
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, check_problem, plan_of_random
+from dolfinx_frontend.plan.plan import (
+    Decision,
+    Direction,
+    Method,
+    Plan,
+    check_problem,
+    checked_chaos,
+    plan_of_chaos,
+    plan_of_random,
+)
 from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source, warn_of_free_parts
 from dolfinx_frontend.results.accuracy import accuracy_of_run
 from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.scene.amplitudes import check_times
 from dolfinx_frontend.solvers.collocation import collocation
 from dolfinx_frontend.solvers.deterministic import check_start, start_states
 from dolfinx_frontend.solvers.sampling import sample_chaos
@@ -486,28 +494,10 @@ def planned(
     checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
     check_problem("chaos", problem, plan)
     check_optional_kind("chaos", "options", options, Options, "give Options(rtol=...)")
-    chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
+    chaos = checked_chaos(chaos)
     random = RandomLaws.of(problem)
-    if not random.every:
-        raise SceneError(
-            "chaos: nothing is random: give a law or a load a random parameter, or solve without chaos"
-        )
-    options = options or (Options.plain() if method == "latin" else Options())
-    rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
-    history = len(check_times(times)) if times is not None and problem.amplitudes else 1
-    needed = history * (problem.size + rows * (4 + 3 * options.acceleration))
-    basis = random.space.basis(chaos, rows=needed)
-    plan = plan_of_random(
-        "chaos",
-        random,
-        plan,
-        method=method,
-        active=active,
-        direction=direction,
-        options=options,
-        way=Way(None, len(basis), chaos.order, chaos.check_points),
-        times=times,
-    )
+    told: dict[str, Any] = {"method": method, "active": active, "direction": direction, "times": times}
+    basis, plan = plan_of_chaos(random, chaos, plan, options=options, **told)
     return Planned(random, chaos, basis, plan)
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneWarning, warn
+from dolfinx_frontend.common.model_limits import beyond
 from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.sweep import PointResults
@@ -17,39 +16,45 @@ LOOSE = 1e-3
 """Compression, relative to the largest force of the bolt, that is no answer's own error any more."""
 
 
-def check_bolts(answer: Result | PointResults, what: str = "", told: Collection[str] = ()) -> list[str]:
-    """Warn of bolts that push once they hold their length: a preload does, a real bolt is loose then.
+def check_bolts(answer: Result | PointResults, what: str = "") -> None:
+    """Warn of bolts that push once they hold their length: a preload does, a real bolt is loose then; and of
+    points at which they are tightened by a negative force.
 
     Parameters
     ----------
     what
         One of several points in a message: of these it is said how many push, and which one the most.
-    told
-        Interfaces that are not named again.
-
-    Returns
-    -------
-    list of str
-        The interfaces that were named.
 
     Warns
     -----
     SceneWarning
         The joint has lost more length than what tightening has stretched bolt and joint by: by embedding, or
-        by what was tightened or loaded afterwards.
+        by what was tightened or loaded afterwards. Or a distribution of its force reaches below 0.
     """
-    problem, times, named = answer.problem, answer.plan.times, []
+    problem, times = answer.problem, answer.plan.times
     if isinstance(answer, PointResults) and not answer.reached.any():
-        return []
+        return
     for name, interface in problem.own.interfaces.items():
         law = interface.law
-        if not law.may_loosen or name in told or not problem.speaks_for(name):
+        if not law.may_loosen or not problem.speaks_for(name):
             continue
         held = [times is None or not law.controlled(t) for t in (times if times is not None else [None])]
         force = np.reshape(answer.force(name)[..., 0] @ interface.weights, (-1, len(held)))
-        pushes = (force < -LOOSE * np.abs(force).max(axis=1, keepdims=True)) & held
+        pushes = force < -LOOSE * np.abs(force).max(axis=1, keepdims=True)
         if isinstance(answer, PointResults):  # without equilibrium a force means nothing
             pushes &= ~np.isin(answer.statuses.ravel(), (NO_EQUILIBRIUM, SLIDES))[:, None]
+            given = np.where(held, 0.0, np.nan_to_num(force))  # known whatever comes of it
+            tightened = given < -LOOSE * np.abs(given).max(initial=0.0)
+            if tightened.any():
+                count, least = tightened.any(axis=1).sum(), given.min()
+                beyond(
+                    f"interface {name!r}: {count} of {len(force)} {what}s tighten the bolt with a negative "
+                    f"force (the least {least:.4g}): its distribution reaches below 0; a smaller cov, or "
+                    "LogNormal or TruncatedNormal",
+                    f"{name} negative",
+                )
+                pushes &= ~tightened.any(axis=1, keepdims=True)
+        pushes &= np.array(held)
         if not pushes.any():
             continue
         point, step = np.unravel_index(np.argmin(np.where(pushes, force, 0.0)), force.shape)
@@ -61,6 +66,5 @@ def check_bolts(answer: Result | PointResults, what: str = "", told: Collection[
             "more length than what tightening has stretched bolt and joint by; a real bolt is loose: tighten "
             "it more or again, or take a smaller embedding",
             SceneWarning,
+            f"{name} pushes",
         )
-        named.append(name)
-    return named

@@ -39,8 +39,7 @@ from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.loads import OF_STIFFNESS
-from dolfinx_frontend.solvers.loose import check_bolts
-from dolfinx_frontend.solvers.sliding import check_sliding
+from dolfinx_frontend.solvers.model_limits import check_model
 from dolfinx_frontend.solvers.support import acts, named_without_equilibrium
 from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
 from dolfinx_frontend.uncertainty.quantities import Kind
@@ -157,8 +156,7 @@ def sample(
         keep_states=keep_states, checkpoint=checkpoint, progress=progress, setup=perf_counter() - began,
         callback=callback, estimator=estimator, ranks=ranks,
     )  # fmt: skip
-    check_bolts(result, "sample")
-    check_sliding(result, "sample")
+    check_model(result, "sample")
     return result
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
@@ -19,20 +17,13 @@ OF_FACE = 0.05
 """Share of a face that its points may slide along: pressures are where the faces were."""
 
 
-def check_sliding(answer: Result | PointResults, what: str = "", told: Collection[str] = ()) -> list[str]:
+def check_sliding(answer: Result | PointResults, what: str = "") -> None:
     """Warn of contacts that slide by a facet or 5 % of their face, or move by more than a part is large.
 
     Parameters
     ----------
     what
         One of several points in a message.
-    told
-        Interfaces that are not named again.
-
-    Returns
-    -------
-    list of str
-        The interfaces that were named.
 
     Warns
     -----
@@ -40,16 +31,15 @@ def check_sliding(answer: Result | PointResults, what: str = "", told: Collectio
         Contact is between points that were opposite each other in the beginning, and rotations are small.
     """
     problem, times = answer.problem, answer.plan.times
-    named: list[str] = []
     steps = 1 if times is None else len(times)
     known = ~np.isin(np.ravel(answer.statuses), (NO_EQUILIBRIUM, SLIDES, UNDECIDED, *STOPPED))
     of_points = isinstance(answer, PointResults)
     if isinstance(answer, PointResults) and not answer.reached.any():
-        return named
+        return
     known = known.reshape((-1, 1) if of_points else (1, -1)) & np.ones((1, steps), dtype=bool)
     for name, interface in problem.own.interfaces.items():
         law = interface.law
-        if not law.unilateral or interface.one_point or name in told or not problem.speaks_for(name):
+        if not law.unilateral or interface.one_point or not problem.speaks_for(name):
             continue
         shape = (len(known), steps, interface.num_points, law.count(interface.dim))
         jump = np.where(known[..., None, None], np.reshape(answer.jump(name), shape), 0.0)
@@ -66,16 +56,15 @@ def check_sliding(answer: Result | PointResults, what: str = "", told: Collectio
         when += f" at {what} {point}" if what else ""
         where = ", ".join(f"{x:.4g}" for x in interface.points[place])
         by = float(np.linalg.norm(jump[point, step, place]))
-        if slid[point, step, place] >= far[point, step, place]:
+        slides = slid[point, step, place] >= far[point, step, place]
+        if slides:
             text = f"its faces slide by {slip[point, step, place]:.3g}{when} at ({where}), further than "
             text += f"{limit[place]:.3g}, a facet or {OF_FACE:.0%} of the face: pressures stay where it was"
         else:
             text = f"its faces move by {by:.3g}{when} at ({where}) from each other, further than a part is "
             text += "large: contacts and rotations are those of small motions"
         text += "; place the parts where they come to lie, or hold what moves"
-        warn(f"interface {name!r}: {text}", SceneWarning)
-        named.append(name)
-    return named
+        warn(f"interface {name!r}: {text}", SceneWarning, f"{name} slides" if slides else "displacement")
 
 
 def reach(interface: Interface) -> Array:

@@ -44,8 +44,7 @@ from dolfinx_frontend.results.sweep import SweepResult, point_block
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm
-from dolfinx_frontend.solvers.loose import check_bolts
-from dolfinx_frontend.solvers.sliding import check_sliding
+from dolfinx_frontend.solvers.model_limits import check_model
 from dolfinx_frontend.solvers.support import acts, named_without_equilibrium
 
 __all__ = [
@@ -329,8 +328,7 @@ def sweep(
     points = named_without_equilibrium("sweep point", result, parameters, at, acting, keep_fields)
     result = replace(result, points=points)
     if keep_fields:
-        check_bolts(result, "sweep point")
-        check_sliding(result, "sweep point")
+        check_model(result, "sweep point")
     return result
 
 

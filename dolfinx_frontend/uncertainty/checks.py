@@ -8,6 +8,7 @@ from typing import Any
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_name, checked_number
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.model_limits import LIMITS, beyond
 
 LEAST_COV = 1e-13
 """Smallest coefficient of variation that can be distinguished from rounding."""
@@ -34,6 +35,11 @@ def deviation(where: str, mean: float, cov: Any, std: Any) -> float:
         raise SceneError(f"{where}: mean 0 has no coefficient of variation; give std")
     else:
         spread = abs(mean) * checked_number(where, "cov", cov, above=0.0)
+        if cov > LIMITS.cov:
+            beyond(
+                f"{where}: cov = {cov:g} is a standard deviation of {cov:g} times the mean: for {cov:g} % it "
+                f"is cov={cov / 100.0:g}; std= says a deviation that is meant"
+            )
     share = spread / abs(mean) if mean != 0.0 else 1.0
     if not LEAST_COV < share < 1.0 / LEAST_COV or not TINY < spread < 1.0 / TINY:
         raise SceneError(

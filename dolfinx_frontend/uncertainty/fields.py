@@ -291,7 +291,7 @@ class RandomField:
     @property
     def deviation(self) -> float:
         """Standard deviation."""
-        return deviation(f"RandomField {self.name!r}", self.mean, self.cov, self.std)
+        return float(abs(self.mean) * (self.cov or 0.0) if self.std is None else self.std)
 
     @property
     def relative(self) -> RandomField:

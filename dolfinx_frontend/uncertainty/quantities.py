@@ -35,6 +35,7 @@ from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.html import Shown
 from dolfinx_frontend.uncertainty.sobol import shares_of_samples
 from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
@@ -140,7 +141,7 @@ def _check_level(level: float) -> None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Quantity:
+class Quantity(Shown):
     """A scalar quantity of interest, known at points of the random space.
 
     Attributes

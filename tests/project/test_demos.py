@@ -23,6 +23,8 @@ SHORT = {
     "bonded_lap_joint.py": ["--output", "{}"],
     "own_law.py": ["--output", "{}"],
     "first_bolt.py": ["--no-figures", "--output", "{}"],
+    "hinge.py": ["--samples", "4", "--output", "{}"],
+    "press_fit.py": ["--samples", "16", "--output", "{}"],
     "frame_as_matrix.py": ["--no-figures", "--samples", "8", "--output", "{}"],
     "hertz.py": ["--quick", "--output", "{}"],
     "flange_from_step.py": ["--quick", "--output", "{}"],
@@ -64,6 +66,8 @@ WRITTEN = {
     "bonded_lap_joint.py": ["bonded.png"],
     "own_law.py": ["own_law.png"],
     "first_bolt.py": ["joint_diagram.png"],
+    "hinge.py": ["hinge.step", "hinge.png", "sheet.html", "sheet.csv"],
+    "press_fit.py": ["fit.step", "press_fit.png", "sheet.html", "sheet.csv"],
     "flange_from_step.py": [
         "flange.step",
         "flange.vtm",

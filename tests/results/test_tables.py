@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
+import dolfinx_frontend as lf
 from dolfinx_frontend import (
     Amplitude,
     Chaos,
@@ -572,3 +573,117 @@ def test_no_text_of_a_csv_file_is_a_formula(tmp_path: Path) -> None:
     assert head == ["'=name", "value"]
     assert [row[0] for row in rows] == [f"'{each}" if each not in ("a=1", "") else each for each in texts]
     assert [row[1] for row in rows] == ["-1.5", "-2", "", "3", "-0.0", "1e+300", "-1e-300", "7", "-8", "9"]
+
+
+def rubbing(side: float, times: Any = (1.0, 2.0)) -> Any:
+    """Two squares of 1 that are pressed by 1, then pulled sideways, the upper one through a spring of 10."""
+    scene = lf.Scene()
+    steel = lf.LinearElastic(1e3, 0.0)
+    for name, y in (("low", 0.0), ("high", 1.0)):
+        scene.substructure(name, lf.geometry.box((1.0, 1.0), (2, 2), origin=(0.0, y)), steel, degree=1)
+    scene.fix("low:y0")
+    scene.interface("joint", "high:y0", "low:y1", lf.Contact(friction=0.4))
+    scene.fix("high:y1", -2e-3, components=1, name="press")
+    scene.interface("grip", "high:y1", lf.Elastic(normal=0.0, tangential=10.0))
+    scene.traction("high:y1", (lf.Amplitude([1, 2], [0, 1]) * side, 0.0), name="pull")
+    return lf.solve(lf.assemble(scene), times=list(times), progress=False)
+
+
+def test_columns_of_friction_are_those_of_a_block_that_slides() -> None:
+    """Its limit is 0.4; at a pull of 0.2 it sticks, at 0.9 it slides until the spring takes 0.5."""
+    stuck, slides = (rubbing(side).table() for side in (0.2, 0.9))
+    assert stuck.value("slip", "joint") == stuck.value("slip_share", "joint") == 0.0
+    limit = -0.4 * stuck.value("normal", "joint")
+    assert limit == pytest.approx(0.4, rel=1e-3)
+    assert stuck.value("slip_safety", "joint") == pytest.approx(limit / stuck.value("shear", "joint"))
+    bends = 0.1 * stuck.value("shear", "grip") / stuck.value("shear", "joint")  # by a shear of 1
+    assert slides.value("slip", "joint") == pytest.approx(0.05 - 0.4 * bends, rel=1e-4)
+    assert slides.value("slip_share", "joint") == pytest.approx(1.0)
+    assert slides.value("slip_safety", "joint") == pytest.approx(1.0)
+    assert rubbing(0.2).table("joint", step=0).value("slip_safety", "joint") == np.inf
+
+
+def test_a_pattern_stands_for_the_interfaces_that_it_fits() -> None:
+    result = rubbing(0.2)
+    assert list(result.table("j*")["interface"]) == ["joint"]
+    assert set(result.table(["?o*", "grip"])["interface"]) == {"joint", "grip"}
+    with pytest.raises(lf.SceneError, match="table: unknown interface 'bolt.'.*'grip'"):
+        result.table("bolt*")
+
+
+def test_a_history_beside_each_other() -> None:
+    table = rubbing(0.2, (1.0, 1.5, 2.0)).table(["joint", "grip"], step=None)
+    shown = table.by_time("shear")
+    assert shown.labels == ("time",) and list(shown["time"]) == [1.0, 1.5, 2.0]
+    assert shown["joint"][1] == table.value("shear", "joint", time=1.5)
+    with pytest.raises(lf.SceneError, match="no history"):
+        lf.Table({"interface": ("a",), "normal": (1.0,)}, ("interface",)).by_time("normal")
+
+
+def test_a_long_table_is_cut_and_says_so() -> None:
+    """60 rows, of which the second has no shear: its line has a place in the first block only."""
+    table = rubbing(0.2, np.linspace(1.0, 2.0, 60)).table("joint", step=None)
+    lines = str(table).splitlines()
+    assert sum(line.startswith("...") for line in lines) >= 1
+    assert "20 rows of 60 are left out" in str(table)
+    assert len(table.to_csv().splitlines()) == 61
+
+
+def test_the_reaction_of_a_support_that_ends_at_glue() -> None:
+    """A block stands on a support that shares an edge with the glue to another one: 3 on it, 1 beside it."""
+    scene = lf.Scene()
+    steel = lf.LinearElastic(1e3, 0.3)
+    for name, x in (("a", 0.0), ("b", 1.0)):
+        scene.substructure(name, lf.geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0)), steel)
+    scene.interface("glue", "a:x1", "b:x0", lf.Perfect())
+    scene.fix("a:y0", name="stand")
+    scene.traction("a:y1", (0.5, -3.0))
+    scene.traction("b:y1", (0.0, -1.0))
+    table = lf.solve(lf.assemble(scene)).table()
+    assert table.value("force_x", "stand") == pytest.approx(-0.5)
+    assert table.value("force_y", "stand") == pytest.approx(4.0)
+    centre = 0.5  # of the support, about which 3 turn by 0 and 1 by 1, and the shear at the top by 1
+    assert table.value("moment_z", "stand") == pytest.approx(1.0 * (1.5 - centre) + 0.5 * 1.0)
+
+
+def face(points: Any, normals: Any) -> Surface:
+    """Points of area 1 with force components n, t1, t2."""
+    normals = np.asarray(normals, float)
+    along_x = np.abs(normals[:, :1]) > 0.9
+    first = np.cross(normals, np.where(along_x, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    frames = np.stack([normals, first, np.cross(normals, first)], axis=1)
+    ones = np.ones(len(points))
+    return Surface("joint", "Contact", np.asarray(points), ones, normals, frames, contact=True)
+
+
+def test_safety_against_slip_counts_forces_and_moments() -> None:
+    """A shaft in a hub under torque and thrust; a square under a force and a moment; the corner of a box."""
+    angles = np.repeat(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False), 5)
+    heights = np.tile(np.linspace(0.0, 30.0, 5), 24)
+    out = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    shaft = face(20.0 * out + heights[:, None] * [0.0, 0.0, 1.0], out)
+    around, up = np.cross([0.0, 0.0, 1.0], out), np.array([0.0, 0.0, 1.0])
+    limits = np.full((1, 1, 120), 0.2), np.zeros((1, 1, 120))
+
+    def safety(surface: Surface, traction: Any, pressure: float = 50.0) -> float:
+        vectors = traction - pressure * surface.normals
+        force = np.einsum("pcd,pd->pc", surface.frames, vectors)[None, None]
+        few = tuple(each[..., : len(vectors)] for each in limits)
+        return float(measure(surface, force, few)["slip_safety"][0, 0])
+
+    assert safety(shaft, 4.0 * around) == pytest.approx(10.0 / 4.0)  # mu p = 10
+    assert safety(shaft, 3.0 * around + 4.0 * up) == pytest.approx(10.0 / 5.0)
+    assert safety(shaft, 0.0 * out) == np.inf
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(-4.5, 5.0), np.arange(-4.5, 5.0)))
+    plate = face(np.column_stack([x, y, 0.0 * x]), np.tile([0.0, 0.0, 1.0], (100, 1)))
+    turned = 0.1 * np.column_stack([-y, x, 0.0 * x])
+    carries, acts = 10.0 * np.hypot(x, y).sum(), 0.1 * (x**2 + y**2).sum()
+    assert safety(plate, np.tile([3.0, 4.0, 0.0], (100, 1))) == pytest.approx(2.0)
+    assert safety(plate, turned) == pytest.approx(carries / acts)
+    both = safety(plate, turned + [3.0, 4.0, 0.0])
+    assert both == pytest.approx(1.0 / np.hypot(0.5, acts / carries))
+    some = plate.points[np.maximum(np.abs(x), np.abs(y)) < 3.0]  # 36
+    corner = np.concatenate([some, some[:, ::-1] + [5.0, 0.0, 0.0], some[:, [0, 2, 1]] + [0.0, 5.0, 0.0]])
+    normals = np.repeat([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], 36, axis=0)
+    assert np.isnan(safety(face(corner, normals), np.zeros((108, 3))))  # three planes hold each other

@@ -139,7 +139,7 @@ NO_ARRAYS = (
     "BdfDeck InpDeck read_bdf read_deck read_inp read_matrix write_inp "
     "DistributionFit Report Screening report screen "
     "Evaluation Event Fit KinkWarning Posterior ProblemFunction Reliability Response reliability "
-    "Measure Quantile tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
+    "debug Measure Quantile tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
 )
 """Public names that take no arrays of a user, or are made by what is tried here."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import io
 import re
@@ -13,6 +14,7 @@ from scipy import stats
 
 import dolfinx_frontend as lf
 from dolfinx_frontend.io import FileError
+from dolfinx_frontend.sheets.turning import view_of
 from parts.lap_joint import lap_joint
 from tests.helpers import refused
 from tests.verification import scenes
@@ -276,7 +278,7 @@ def test_pictures_are_in_the_page() -> None:
     answer = lf.solve(joint(name="_$a_b$<"), times=TIMES)
     sheet = lf.report(answer, renderer="matplotlib", units=("mm", "$N"), seals={"joint": None})
     images = re.findall(r"src='data:image/png;base64,([^']{100,})'", sheet.html)
-    assert len(images) == 5  # margins, forces, around the joint, pressure on it, the assembly
+    assert len(images) == 4  # margins, forces, around the joint, pressure on it; the assembly turns
     assert len(sheet.html) < 1_000_000
 
 
@@ -335,3 +337,55 @@ def test_bending_of_a_bolt() -> None:
     assert sheet.value("stud", "sigma_ab") == pytest.approx(0.5 * change / modulus, rel=1e-9)
     beam = lf.report(lf.solve(joint(), times=TIMES), pictures=False, errors=False, stress_area=84.3)
     assert any("σ_ab" in each for each in beam.left_out)
+
+
+def test_the_assembly_turns_in_the_sheet(tmp_path: Path) -> None:
+    """A block that is stretched by 1 % along x: its triangles, and how far they move, are in the page."""
+    scene = lf.Scene()
+    block = lf.geometry.box((2.0, 1.0, 1.0), (1, 1, 1), cell="hexahedron")
+    scene.substructure("bar", block, lf.LinearElastic(1e3, 0.0), degree=1)
+    scene.symmetry(["bar:x0", "bar:y0", "bar:z0"])
+    scene.traction("bar:x1", (10.0, 0.0, 0.0))
+    result = lf.solve(lf.assemble(scene))
+    page = view_of(result, "mm")
+    packed = dict(re.findall(r"data-(\w)='([^']*)'", page))
+    corners, moves = (
+        np.frombuffer(base64.b64decode(packed[k]), "<i2").reshape(-1, 3, 3) / 32767.0 for k in "pu"
+    )
+    colours = np.frombuffer(base64.b64decode(packed["c"]), "u1").reshape(-1, 3)
+    assert len(corners) == len(moves) == len(colours) == 6 * 8
+    size = np.ptp(corners.reshape(-1, 3), axis=0)
+    assert size == pytest.approx(size[0] * np.array([1.0, 0.5, 0.5]), abs=1e-4)
+    share = (corners[..., 0] - corners[..., 0].min()) / size[0]  # 0.02 at the end, shown 5 times as large
+    assert moves[..., 0] / size[0] == pytest.approx(5.0 * 0.02 * share / 2.0, abs=1e-4)
+    assert "× 5<" in page and "|u| from 0 to 0.02 mm" in page and "http" not in page
+    sheet = lf.report(result, tmp_path / "sheet.html", errors=False)
+    assert sheet.html.count("<canvas") == 1
+
+
+def test_what_does_not_turn_says_why() -> None:
+    scene = lf.Scene()
+    scene.substructure("bar", lf.geometry.box((2.0, 1.0), (1, 1)), lf.LinearElastic(1e3, 0.0))
+    scene.fix("bar:x0")
+    assert view_of(lf.solve(lf.assemble(scene)), "mm") == "only solids turn"
+
+
+def test_heat_has_no_load_factor() -> None:
+    """A sleeve that grows between plates stretches its bolt: both gain as much, and nothing pulls."""
+    scene = lf.Scene()
+    for level, name in enumerate(("base", "cover")):
+        block = lf.geometry.box((20.0, 20.0, 10.0), (1, 1, 1), (0.0, 0.0, 10.0 * level), cell="hexahedron")
+        scene.substructure(name, block, lf.LinearElastic(200e3, 0.0, alpha=12e-6), degree=1)
+    scene.interface("joint", "base:z1", "cover:z0", lf.Contact(friction=0.2))
+    stiffness = lf.BoltStiffness(axial=4e5, bending=1e6, torsion=1e6)
+    scene.beam("bolt", "base:z0", "cover:z1", stiffness, lf.Preload(2e4, until=1.0))
+    scene.fix("base:z0", components=2)
+    scene.symmetry(["base:x0", "base:y0", "cover:x0", "cover:y0"])
+    for part in ("base", "cover"):
+        scene.temperature(part, lf.Amplitude([1, 2], [0, 1]) * 100.0)
+    scene.force("cover:z1", (0.0, 0.0, 400.0 * lf.Amplitude([1, 2], [0, 1])), name="little")
+    result = lf.solve(lf.assemble(scene), times=[1.0, 2.0])
+    sheet = lf.report(result, pictures=False, errors=False)
+    assert result.bolts().value("change", "bolt.axial") > 4e3  # 4e5 x 0.024 is 9.6e3 of a stiff sleeve
+    assert any("by heat or bending" in text for text in sheet.left_out)
+    refused(lambda: sheet.value("bolt", "Phi"), "Phi")

@@ -21,8 +21,9 @@ from dolfinx_frontend.common.checks import checked_flag, checked_reals
 from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict, frozen
+from dolfinx_frontend.common.model_limits import LIMITS
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain, is_uncertain
+from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain, is_uncertain, largest
 
 __all__ = ["Elimination", "Face", "Fields", "Functions", "Law", "Points", "positive", "resolve", "settled"]
 
@@ -221,6 +222,7 @@ class Law:
     inverse: ClassVar[tuple[str, ...]] = ()
     """Parameters of which the kernel is given 1 / value; all others enter it linearly."""
     not_negative: ClassVar[tuple[str, ...]] = ()
+    frictions: ClassVar[tuple[str, ...]] = ()
     """Parameters with which it is no law if they are negative."""
     spans: ClassVar[Mapping[str, slice]] = ReadOnlyDict()
     """Stiffness parameter -> components of the force that it makes, of springs."""
@@ -401,6 +403,11 @@ class Law:
     @property
     def doubt(self) -> str:
         """What is probably not meant with its values; empty: nothing."""
+        for name, value in self.given(*self.frictions).items():
+            size = largest(value)
+            if size > LIMITS.friction:
+                meant = f"{size:g} %, {name} = {size / 100.0:g}" if size >= 2.0 else "0.15, as between steel"
+                return f"{self.title}: {name} = {short(value)} is beyond {LIMITS.friction:g}: is it {meant}?"
         return ""
 
     def count(self, dim: int) -> int:

@@ -69,6 +69,7 @@ class Contact(Law):
     )
     inverse: ClassVar[tuple[str, ...]] = ("stiffness", "tangential_stiffness")
     not_negative: ClassVar[tuple[str, ...]] = ("friction", "threshold", *inverse)
+    frictions: ClassVar[tuple[str, ...]] = ("friction",)
     search_direction: ClassVar[Literal["parts", "patch", "springs"]] = "patch"
     drawn: ClassVar[str] = "contact"
 

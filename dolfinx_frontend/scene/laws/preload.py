@@ -84,6 +84,7 @@ class Preload(Law):
     stiffness: float | None = None
     drawn: ClassVar[str] = "preload"
     not_negative: ClassVar[tuple[str, ...]] = ("torque", "mu_thread", "mu_head", "embedding")
+    frictions: ClassVar[tuple[str, ...]] = ("mu_thread", "mu_head")
 
     def validate(self) -> None:
         self._validate_tightening()
@@ -277,7 +278,7 @@ class Preload(Law):
         given = self.given("force", "shortening", "angle")
         below = [name for name, value in given.items() if is_real(value) and value < 0.0]
         if not below:
-            return ""
+            return super().doubt
         return f"Preload: {below[0]} = {short(given[below[0]])} pushes its sides apart; tension is > 0"
 
     @property

@@ -1,0 +1,88 @@
+"""What a user sees of a run: lines of the log, refusals in short, notebooks."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import dolfinx_frontend as lf
+from dolfinx_frontend.common import progress
+from dolfinx_frontend.common.progress import Bar
+
+SCRIPT = """import dolfinx_frontend as lf
+{}
+def of_mine():
+    scene = lf.Scene()
+    scene.substructure("bar", lf.geometry.box((1.0, 1.0), (1, 1)), lf.LinearElastic(1e3, 0.0))
+    scene.fix("baar:x0")
+
+of_mine()
+"""
+
+
+def test_a_phase_without_a_bar_is_told_in_the_log(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(progress, "EVERY", 0.02)
+    with caplog.at_level(logging.INFO, "dolfinx_frontend"), Bar(3, "sweep") as bar:
+        bar.step()
+        with Bar(1, "factorise"):
+            until = time.monotonic() + 5.0
+            while not caplog.messages and time.monotonic() < until:
+                time.sleep(0.01)
+        count = len(caplog.messages)
+        while len(caplog.messages) < count + 2 and time.monotonic() < until:
+            time.sleep(0.01)
+    assert caplog.messages[0] == "factorise: 0 s"
+    assert caplog.messages[-1] == "sweep: point 1 of 3, 0 s"
+
+
+def test_nothing_is_told_to_who_does_not_ask(caplog: pytest.LogCaptureFixture) -> None:
+    with Bar(3, "sweep"):
+        pass
+    assert progress._teller is None or not caplog.messages
+
+
+@pytest.mark.parametrize(("setting", "inside"), [("", False), ("lf.debug(True)", True)])
+def test_a_refusal_ends_at_the_line_of_the_script(tmp_path: Path, setting: str, inside: bool) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(setting))
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    lines = done.stderr.rstrip().splitlines()
+    assert done.returncode == 1
+    assert lines[-1].startswith("dolfinx_frontend.common.errors.SceneError: ")
+    assert "did you mean 'bar'" in lines[-1]
+    assert any('scene.fix("baar:x0")' in line for line in lines)
+    assert any("dolfinx_frontend/scene" in line for line in lines) == inside
+
+
+def joined(**settings: Any) -> Any:
+    scene = lf.Scene()
+    for name, x in (("left", 0.0), ("right", 1.0)):
+        block = lf.geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0))
+        scene.substructure(name, block, lf.LinearElastic(1e3, 0.3))
+    scene.interface("joint", "left:x1", "right:x0", lf.Contact(friction=0.3))
+    scene.fix("left:x0")
+    scene.fix("right:x1", (-1e-3, 1e-4))
+    return scene, lf.solve(lf.assemble(scene), **settings)
+
+
+def test_notebooks_show_what_is_printed() -> None:
+    scene, result = joined()
+    for each in (scene, result, result.problem):
+        assert f"<pre>{str(each)[:20].replace('<', '&lt;')}" in each._repr_html_()
+    assert "<th" in result.plan._repr_html_() and "because" in result.plan._repr_html_()
+    shown = result.table("joint")._repr_html_()
+    assert shown.count("<td") == shown.count("<th ") and "joint" in shown
+
+
+def test_a_run_that_did_not_converge_says_so_wherever_it_is_read(caplog: pytest.LogCaptureFixture) -> None:
+    _, result = joined(options=lf.Options(max_iterations=2, rtol=1e-12, newton=0))
+    assert not result.converged and result.status in repr(result)
+    assert "NOT CONVERGED: " in str(result.table()) and "NOT CONVERGED: " in result.table()._repr_html_()
