@@ -9,14 +9,16 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.geometry.threads import Size
 
-__all__ = ["CLAMPING", "FLAT", "KINDS", "SETTINGS", "Finding", "Passage", "Settings", "Shank", "Span",
-           "threads"]
+__all__ = ["CLAMPING", "FLAT", "KINDS", "SETTINGS", "UNTOLD", "Finding", "Passage", "Settings", "Shank",
+           "Span", "threads"]
 
 KINDS = ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet")
 CLAMPING = ("bolt", "stud", "nut", "washer")
 """Kinds whose plane faces press on others."""
 FLAT = ("gasket", "sheet")
 """Kinds that are thin and flat."""
+UNTOLD = "is a thin sheet between two parts, and no shape tells its material"
+"""What is missing of a sheet that may be a gasket."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,9 @@ class Settings:
     thin: float = 0.05
     """Thickness of a sheet over its extent."""
     gasket: float = 0.4
-    """Thickness of a gasket over those of the parts beside."""
+    """Thickness of a sheet over those of the parts that it lies between."""
     covered: float = 0.4
-    """Fraction of each side of a gasket on which another part lies."""
+    """Fraction of each side of such a sheet on which another part lies."""
     prism: float = 0.1
     """By as much the volume of a sheet may differ from area times thickness, relative."""
     skew: float = 1e-3
@@ -171,9 +173,11 @@ class Finding:
     reasons
         Why, in words.
     missing
-        What it lacks, if it looks like a fastener but for one thing.
+        What it lacks, if it looks like a fastener but for one thing; of a sheet, what is not known.
     shank, axis, origin, passages
         Of bolts, studs and dowels.
+    between
+        Parts that a sheet or gasket lies between; empty: there are none on one of its sides.
     """
 
     part: str
@@ -185,6 +189,7 @@ class Finding:
     axis: Array = field(default_factory=lambda: np.zeros(3), repr=False)
     origin: Array = field(default_factory=lambda: np.zeros(3), repr=False)
     passages: tuple[Passage, ...] = ()
+    between: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:

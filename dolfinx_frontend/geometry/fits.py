@@ -29,9 +29,12 @@ def misfits(found: Mapping[str, Finding], touches: Iterable[Touch], close: Seque
     touches, close
         Faces that touch, or are within the gap that was asked for; and those that are nearly so.
     """
-    alike = {name: f.missing for name, f in found.items() if f.missing}
-    remedy = 'say step.is_bolt({0!r}), step.is_a({0!r}, "dowel"), or leave it'
-    out = [f"{name!r} {missing}: {remedy.format(name)}" for name, missing in alike.items()]
+    alike = 'say step.is_bolt({0!r}), step.is_a({0!r}, "dowel"), or leave it'
+    untold = "give step.material({0!r}, ...), or say step.is_gasket({0!r}); steel is assumed"
+    out = [
+        f"{name!r} {f.missing}: {(untold if f.kind else alike).format(name)}"
+        for name, f in found.items() if f.missing
+    ]
     bolts = [f for f in found.values() if f.kind in ("bolt", "stud") and f.shank is not None]
     for bolt in bolts:
         out += _of_bolt(bolt)

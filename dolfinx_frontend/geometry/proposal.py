@@ -1,7 +1,7 @@
 """From what the parts of a STEP file are taken for to a scene: cuts, laws, materials, each with its reason.
 
 Heads, nuts and joints are in contact with friction, threads are tied, shanks are free, bolts are cut at half
-of their grip for their preload; gaskets are in contact on both sides. Supports and loads stay the user's.
+of their grip for their preload; gaskets and sheets between parts are in contact on both sides. Supports and loads stay the user's.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ class Choice:
         """Of a part, and why."""
         if found.kind == "gasket":
             return SOFT, "assumed: the maker knows it"
+        if found.missing and found.kind:
+            return STEEL, f"assumed: steel, MPa; it {found.missing}: a gasket has some 1 GPa"
         return STEEL, "assumed: steel, MPa"
 
     def law(self, touch: Touch, found: Sequence[Finding], clamped: bool) -> tuple[Law | None, str]:
@@ -80,10 +82,12 @@ class Choice:
         if kinds & {"bolt", "nut", "washer", "stud"}:
             mu = self.friction("mu_head", HEAD)
             return Contact(gap=gap, friction=mu), "under a head, nut or washer: VDI 2230 table A5, class B"
-        if not clamped:
+        between = any(one.part in other.between for one, other in (found, found[::-1]))
+        if not clamped and not between:
             return Perfect(), "no bolt clamps these two: tied"
         mu = self.friction("mu_joint", JOINT)
-        return Contact(gap=gap, friction=mu), "clamped joint: dry steel, VDI 2230 table A6"
+        joint = "clamped joint" if clamped else "a thin sheet between two parts"
+        return Contact(gap=gap, friction=mu), f"{joint}: dry steel, VDI 2230 table A6"
 
     def tightened(self, bolt: Finding) -> tuple[Law, str]:
         """The pretension section of a bolt."""
