@@ -229,8 +229,15 @@ def parameters_of(model: Any, surface: int) -> Array:
     return np.asarray(0.5 * (low + high))
 
 
-def outward(model: Any, volumes: Sequence[int], surface: int, at: Array) -> float:
-    """1 if the normal of the surface points out of the part, otherwise -1."""
+def outward(model: Any, volumes: Sequence[int], surface: int) -> float:
+    """1 if the normal of the surface points out of the part, otherwise -1.
+
+    gmsh's normal of a face points out of the first solid that it was read with: only of a shared one this is
+    not known.
+    """
+    if len(model.getAdjacencies(2, surface)[0]) == 1:
+        return 1.0
+    at = parameters_of(model, surface)
     x = np.asarray(model.getValue(2, surface, at.tolist()))
     n = np.asarray(model.getNormal(surface, at.tolist()))
     small = 1e-4 * math.sqrt(model.occ.getMass(2, surface))
@@ -242,13 +249,13 @@ def surface_of(model: Any, name: str, volumes: Sequence[int], tag: int) -> Surfa
     """A face of a part, measured; a spline that is a plane, cylinder or cone is one."""
     occ = model.occ
     kind = str(model.getType(2, tag)).lower()
-    at = parameters_of(model, tag)
-    sign = outward(model, volumes, tag, at)
+    sign = outward(model, volumes, tag)
     low, high = box_of(occ, 2, tag)
     centre = np.asarray(occ.getCenterOfMass(2, tag))
     found = Surface(name, tag, kind, float(occ.getMass(2, tag)), centre, low, high, np.zeros(3), np.zeros(3))
     if kind == "plane":
-        found = replace(found, normal=unit(sign * np.asarray(model.getNormal(tag, at.tolist()))))
+        at = [0.0, 0.0]  # its normal is the same everywhere
+        found = replace(found, normal=unit(sign * np.asarray(model.getNormal(tag, at))))
     else:
         least, most = (np.asarray(v) for v in model.getParametrizationBounds(2, tag))
         points = (least + _SHARES * (most - least)).ravel().tolist()
@@ -310,9 +317,13 @@ def _rim(model: Any, tag: int) -> Array:
 
 def solids_of(model: Any, loaded: Loaded) -> dict[str, Solid]:
     """Every part of a loaded model with its faces."""
-    out = {}
+    out, known = {}, dict[int, Surface]()
     for name, tags in loaded.volumes.items():
-        surfaces = tuple(surface_of(model, name, tags, tag) for tag in sorted(faces_of(model, tags)))
+        surfaces = tuple(
+            _other_side(known[tag], name) if tag in known else surface_of(model, name, tags, tag)
+            for tag in sorted(faces_of(model, tags))
+        )
+        known |= {s.tag: s for s in surfaces}
         boxes = [box_of(model.occ, 3, tag) for tag in tags]
         out[name] = Solid(
             name,
@@ -323,6 +334,12 @@ def solids_of(model: Any, loaded: Loaded) -> dict[str, Solid]:
             surfaces,
         )
     return out
+
+
+def _other_side(surface: Surface, name: str) -> Surface:
+    """A face that two parts share, as the second one has it."""
+    hollow = surface.kind in ("cylinder", "cone") and not surface.hollow
+    return replace(surface, part=name, normal=-surface.normal, normals=-surface.normals, hollow=hollow)
 
 
 def nearest(
