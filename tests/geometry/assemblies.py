@@ -70,12 +70,13 @@ class Part:
 
 @dataclass
 class Assembly:
-    """Parts, and how they are written: `unit` of the file, turned around an axis, and mirrored."""
+    """Parts, and how they are written: `unit` of the file, turned around an axis, and mirrored; as splines."""
 
     d: float
     parts: list[Part] = field(default_factory=list)
     unit: str = "mm"
     turn: tuple[float, tuple[float, ...], bool] = (0.0, (0.0, 0.0, 1.0), False)
+    splines: bool = False
 
 
 def cylinder(occ: Any, x: float, y: float, low: float, high: float, d: float) -> tuple[int, int]:
@@ -434,6 +435,8 @@ def write(assembly: Assembly, path: Path) -> Path:
             left = [each for each in gmsh.model.occ.getEntities(3) if each[1] not in tags]
             gmsh.model.occ.remove(left, recursive=True)  # what a fuse has left of its tools
         solids = [(3, t) for t in tags]
+        if assembly.splines:  # an affine map makes splines of all faces: here a mirror
+            gmsh.model.occ.affineTransform(solids, [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1])
         gmsh.model.occ.rotate(solids, 0, 0, 0, *axis, angle)
         gmsh.model.occ.synchronize()
         order = [tag for _, tag in gmsh.model.occ.getEntities(3)]

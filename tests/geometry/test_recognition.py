@@ -183,7 +183,7 @@ def test_dowels_gaskets_and_sheets(tmp_path: Path) -> None:
 
     found = made_step(tmp_path / "flat.step", build).found
     assert {n: f.kind for n, f in found.items()} == {
-        "a": "", "b": "", "c": "gasket", "d": "", "e": "dowel", "f": "dowel", "g": "sheet"
+        "a": "", "b": "", "c": "sheet", "d": "", "e": "dowel", "f": "dowel", "g": "sheet"
     }
 
 
