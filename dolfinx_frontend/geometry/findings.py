@@ -89,7 +89,7 @@ class Settings:
     """Fraction of a dowel that is in holes."""
     thin: float = 0.05
     """Thickness of a sheet over its extent."""
-    gasket: float = 0.4
+    gasket: float = 0.6
     """Thickness of a sheet over those of the parts that it lies between."""
     covered: float = 0.4
     """Fraction of each side of such a sheet on which another part lies."""

@@ -301,9 +301,19 @@ def _like_nut(view: _View) -> bool:
     """By its shape, or because a part with a hole is named so: some are square."""
     ring = _ring(view)
     if ring is None:
-        return view.named == "nut"
+        return view.named == "nut" and _small_block(view)
     d, width, height, hexagon = ring
     return width / d in SETTINGS.across and height / d in (SETTINGS.nut if hexagon else SETTINGS.ring_nut)
+
+
+def _small_block(view: _View) -> bool:
+    """Whether a part is as wide as a square nut on its hole."""
+    seen = view.turned
+    if seen is None or seen.hole is None:
+        return False
+    rims = np.concatenate([f.rim for f in view.body.faces if len(f.rim)])
+    reach = np.linalg.norm(np.cross(rims - seen.origin, seen.axis), axis=1).max()
+    return float(reach) < SETTINGS.across.high * seen.hole.width / math.sqrt(2.0)
 
 
 def _nut(view: _View) -> Finding:
@@ -311,7 +321,7 @@ def _nut(view: _View) -> Finding:
     ring, threaded = _ring(view), [v for v, ratio in view.through if ratio <= SETTINGS.fit]
     on = tuple(f"on {v.body.name!r}" for v in threaded)
     if ring is None:
-        named = view.named == "nut" and bool(threaded)
+        named = bool(threaded) and _like_nut(view)
         size = _of_shank(threaded[0], "bolt").size if named else None
         return Finding(view.body.name, "nut" if named else "", size, on)
     d, width, height, hexagon = ring
