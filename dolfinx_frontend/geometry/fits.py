@@ -50,14 +50,15 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
     held = threads(bolt)
     if size is not None and min(abs(shank.d / each - 1.0) for each in size.drawn) > _DRAWN:
         yield (
-            f"{bolt.part!r} has {shank.d:.4g} mm, which is taken for {size.name}: threads of inches are not "
-            f"in the tables; give another size, step.is_bolt({bolt.part!r}, ...), or its own Preload"
+            f"{bolt.part!r} has {shank.d:.4g} mm, which is taken for {size.name}; give another size, "
+            f"step.is_bolt({bolt.part!r}, ...), or its own Preload"
         )
     for p in bolt.passages:
         hole = p.width
         if size is not None and not p.fits and hole < _FINE * size.holes[0] * min(1.0, shank.d / size.d):
             yield (
-                f"the hole of {p.part!r} for {bolt.part!r} has {hole:.4g} mm: ISO 273 has "
+                f"the hole of {p.part!r} for {bolt.part!r} has {hole:.4g} mm: "
+                f"{'ASME B18.2.8' if size.unified else 'ISO 273'} has "
                 f"{size.holes[0]:g} mm (fine) to {size.holes[2]:g} mm for {size.name}; bore it, or give "
                 f"another size, step.is_bolt({bolt.part!r}, ...)"
             )
