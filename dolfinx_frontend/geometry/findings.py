@@ -10,7 +10,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.geometry.threads import Size
 
 __all__ = ["CLAMPING", "FLAT", "KINDS", "SETTINGS", "UNTOLD", "Finding", "Passage", "Settings", "Shank",
-           "Span", "threads"]
+           "Span", "play", "threads"]
 
 KINDS = ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet")
 CLAMPING = ("bolt", "stud", "nut", "washer")
@@ -89,12 +89,18 @@ class Settings:
     """Fraction of a dowel that is in holes."""
     thin: float = 0.05
     """Thickness of a sheet over its extent."""
-    gasket: float = 0.6
-    """Thickness of a sheet over those of the parts that it lies between."""
     covered: float = 0.4
-    """Fraction of each side of such a sheet on which another part lies."""
+    """Fraction of each side of a sheet on which thicker parts lie, for it to be between them."""
     prism: float = 0.1
     """By as much the volume of a sheet may differ from area times thickness, relative."""
+    lead: float = 0.07
+    """Lead of a thread over its circumference: M3 has 0.06."""
+    drawn: float = 0.02
+    """By as much a shank may be off the diameters of its thread, relative, before this is said."""
+    fine: float = 0.995
+    """Hole over that of the fine series from which it is no narrower: rounding of inches."""
+    thread_length: float = 0.5
+    """Length of a thread that holds a bolt; nuts of ISO 4032 have 0.8."""
     skew: float = 1e-3
     """Sine of an angle that is none, of an axis in its hole; the cosine of one between sides is 1 - it."""
 
@@ -195,6 +201,14 @@ class Finding:
     def title(self) -> str:
         """``"bolt M12"``."""
         return " ".join(filter(None, (self.kind, self.size.name if self.size else "")))
+
+
+def play(found: Finding, part: str = "") -> float:
+    """Greatest room around a thread, of one that holds it: it is drawn at its core in a hole as it is bored."""
+    if found.kind not in ("bolt", "stud") or found.shank is None:
+        return 0.0
+    held = [p for each in threads(found).values() for p in each if part in ("", p.part)]
+    return max([0.0, *(0.5 * (p.width - found.shank.d) for p in held)])
 
 
 def threads(found: Finding) -> dict[int, list[Passage]]:

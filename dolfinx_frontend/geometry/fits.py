@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from dolfinx_frontend.geometry.findings import Finding, threads
+from dolfinx_frontend.geometry.findings import SETTINGS, Finding, threads
 from dolfinx_frontend.geometry.touching import Touch
 
 __all__ = ["misfits"]
-
-_DRAWN = 0.02
-"""By as much a shank may be off the diameters of its thread, relative, before this is said."""
-
-_FINE = 0.995
-"""Hole over that of the fine series from which it is no narrower: rounding of inches."""
-
-_LEAST = 0.5
-"""Length of a thread that holds a bolt, in diameters; nuts of ISO 4032 have 0.8."""
 
 
 def misfits(found: Mapping[str, Finding], touches: Iterable[Touch], close: Sequence[Touch]) -> list[str]:
@@ -48,14 +39,14 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
     shank, size = bolt.shank, bolt.size
     assert shank is not None
     held = threads(bolt)
-    if size is not None and min(abs(shank.d / each - 1.0) for each in size.drawn) > _DRAWN:
+    if size is not None and min(abs(shank.d / each - 1.0) for each in size.drawn) > SETTINGS.drawn:
         yield (
             f"{bolt.part!r} has {shank.d:.4g} mm, which is taken for {size.name}; give another size, "
             f"step.is_bolt({bolt.part!r}, ...), or its own Preload"
         )
     for p in bolt.passages:
         hole = p.width
-        if size is not None and not p.fits and hole < _FINE * size.holes[0] * min(1.0, shank.d / size.d):
+        if size is not None and not p.fits and hole < SETTINGS.fine * size.holes[0] * min(1.0, shank.d / size.d):
             yield (
                 f"the hole of {p.part!r} for {bolt.part!r} has {hole:.4g} mm: "
                 f"{'ASME B18.2.8' if size.unified else 'ISO 273'} has "
@@ -67,7 +58,7 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
         if not held[end]:
             remedy = f"add one, or step.is_not({bolt.part!r})"
             yield f"{bolt.part!r} has neither nut nor thread at its end: {remedy}"
-        elif length < _LEAST * shank.d:
+        elif length < SETTINGS.thread_length * shank.d:
             yield (
                 f"{bolt.part!r} is {length:.3g} mm in the thread of {held[end][0].part!r}, "
                 f"{length / shank.d:.2f} diameters: it is too short for its grip; take a longer one"

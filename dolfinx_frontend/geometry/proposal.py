@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry.findings import Finding, threads
+from dolfinx_frontend.geometry.findings import Finding, play, threads
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.threads import HEAD, JOINT, TIGHTENING, Span, preload
 from dolfinx_frontend.geometry.touching import Touch
@@ -21,11 +21,14 @@ from dolfinx_frontend.scene.laws import Contact, Law, Perfect, Preload
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.uncertainty.parameters import LogNormal, Normal
 
-__all__ = ["Choice", "clamped_by", "section"]
+__all__ = ["Choice", "clamped_by", "room", "section"]
 
 STEEL = LinearElastic(E=210e3, nu=0.3)
 SOFT = LinearElastic(E=1e3, nu=0.3)
 """Of gaskets, MPa: a value to be replaced by that of the maker."""
+
+_ROOM = 1.01
+"""Distance up to which a thread is looked for, over the room around it."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Choice:
         for one, other in (found, found[::-1]):
             if one.kind in ("bolt", "stud") and round_ and not np.any(touch.normal):
                 held = {p.part for each in threads(one).values() for p in each}
-                if other.part in held and touch.kind == "touching":
+                if other.part in held and touch.gap <= _ROOM * play(one, other.part):
                     return Perfect(), "a thread: tied"
                 return None, "a shank in its hole: free"
             if one.kind == "dowel" and round_:
@@ -103,6 +106,11 @@ class Choice:
             f"{1e-3 * span.low:.3g} to {1e-3 * span.high:.3g} kN, VDI 2230 tables A1 and A8"
         )
         return Preload(force, until=1.0), why
+
+
+def room(found: Mapping[str, Finding]) -> float:
+    """Up to which faces have to count as nearly touching, for all threads to be tied."""
+    return _ROOM * max(map(play, found.values()), default=0.0)
 
 
 def clamped_by(found: Mapping[str, Finding], parts: Sequence[str]) -> bool:

@@ -439,13 +439,12 @@ def _flat_part(view: _View, sides: Sides) -> Finding:
     flat, name = _flat(view.body), view.body.name
     if flat is None:
         return Finding(name)
-    covered, thinnest, beside = [], math.inf, set()
+    covered, beside = [], set()
     for side in flat.sides:
         on = [each for each in sides.get(name, ()) if each[0] in side.tags and each[2] > flat.thickness]
         covered.append(sum(each[3] for each in on) / side.area)
-        thinnest = min([thinnest, *(each[2] for each in on)])
         beside |= {each[1] for each in on}
-    inner = min(covered) > SETTINGS.covered and flat.thickness < SETTINGS.gasket * thinnest
+    inner = min(covered) > SETTINGS.covered
     between = tuple(sorted(beside)) if inner else ()
     reasons = [f"flat, {flat.thickness:.4g} mm thick"] + [f"between {_named(between)}"] * inner
     kind = "gasket" if view.named == "gasket" else "sheet"

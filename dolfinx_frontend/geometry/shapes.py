@@ -15,6 +15,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.groups import grouped
+from dolfinx_frontend.geometry.findings import SETTINGS
 from dolfinx_frontend.geometry.solids import Solid, Surface
 from dolfinx_frontend.geometry.touching import Touch
 
@@ -250,9 +251,6 @@ def turned(body: Body) -> Turned | None:
     return max((_around(body, *line, slack) for line in lines), key=lambda each: each.share)
 
 
-_LEAD = 0.07
-"""Lead of a thread over its circumference: M3 has 0.06."""
-
 _MOST_LINES = 12
 """What has more axes than this is no fastener."""
 
@@ -301,7 +299,7 @@ def _revolved(surface: Surface, origin: Array, axis: Array, slack: float) -> str
     if lever < slack:
         return "tapers"
     reach = np.linalg.norm(np.cross(offset, axis), axis=1).max()
-    return "round" if lever < _LEAD * reach else ""
+    return "round" if lever < SETTINGS.lead * reach else ""
 
 
 def _inwards(surface: Surface, origin: Array, axis: Array) -> bool:
