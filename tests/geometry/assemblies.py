@@ -445,7 +445,8 @@ def write(assembly: Assembly, path: Path) -> Path:
     text = path.read_text(encoding="latin-1")
     pattern = re.compile(r"PRODUCT\('Open CASCADE STEP translator [\d.]+ \d+\.(\d+)',\s*'[^']*'")
     plain = [n.encode("ascii", "ignore").decode() for n in names]
-    text = pattern.sub(lambda m: "PRODUCT('{0}','{0}'".format(plain[int(m[1]) - 1]), text)
+    quoted = [n.replace("'", "''") for n in plain]  # as ISO 10303-21 has it
+    text = pattern.sub(lambda m: "PRODUCT('{0}','{0}'".format(quoted[int(m[1]) - 1]), text)
     millimetre = r"\( LENGTH_UNIT\(\) NAMED_UNIT\(\*\) SI_UNIT\(\.MILLI\.,\.METRE\.\) \)"
     if assembly.unit == "m":
         text = re.sub(millimetre, "( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT($,.METRE.) )", text)
