@@ -195,7 +195,7 @@ def test_splines_are_the_planes_cylinders_and_cones_that_they_draw(tmp_path: Pat
     assert plain.found["c"].reasons == mirrored.found["c"].reasons
     for name, solid in plain.solids.items():
         shapes = [
-            sorted((s.kind, s.hollow, round(s.radius or 0.0, 5), round(s.area, 2)) for s in each.surfaces)
+            sorted((s.kind, s.hollow, round(s.radius or 0.0, 5)) for s in each.surfaces)
             for each in (solid, mirrored.solids[name])
         ]
         assert shapes[0] == shapes[1]
@@ -230,7 +230,7 @@ def test_a_slotted_screw_and_a_collar_that_is_no_washer(tmp_path: Path) -> None:
         lid = cut(occ, block(occ, 20, 26), pin(occ, 19, 27, 20), pin(occ, 19, 27, 9, 22))
         screw = occ.fuse([pin(occ, 26, 31, 13, 22)], [pin(occ, 8, 26, 8, 22)])[0][0]
         screw = cut(occ, screw, (3, occ.addBox(10, -1, 28.5, 30, 2, 5)))
-        collar = cut(occ, pin(occ, 30, 36, 32), pin(occ, 29, 37, 20))
+        collar = cut(occ, pin(occ, 40, 46, 32), pin(occ, 39, 47, 20))
         return {"a": house, "b": lid, "c": screw, "shaft": pin(occ, -40, 60, 20)[1], "e": collar}
 
     found = made_step(tmp_path / "shaft.step", build).found
@@ -266,7 +266,7 @@ def test_dowels_gaskets_and_sheets(tmp_path: Path) -> None:
     found = step.found
     assert found["c"].between == ("b", "d") and not found["g"].between
     step.rename({"b": "house", "c": "seal"})
-    assert step.found["seal"].between == ("house", "d")
+    assert set(step.found["seal"].between) == {"house", "d"}
     assert {n: f.kind for n, f in found.items()} == {
         "a": "", "b": "", "c": "sheet", "d": "", "e": "dowel", "f": "dowel", "g": "sheet"
     }
