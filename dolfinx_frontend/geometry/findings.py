@@ -204,7 +204,7 @@ class Finding:
 
 
 def play(found: Finding, part: str = "") -> float:
-    """Greatest room around a thread, of one that holds it: it is drawn at its core in a hole as it is bored."""
+    """Greatest room around a thread of one that holds it: drawn at its core in a hole as it is bored."""
     if found.kind not in ("bolt", "stud") or found.shank is None:
         return 0.0
     held = [p for each in threads(found).values() for p in each if part in ("", p.part)]

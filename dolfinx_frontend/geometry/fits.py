@@ -46,7 +46,9 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
         )
     for p in bolt.passages:
         hole = p.width
-        if size is not None and not p.fits and hole < SETTINGS.fine * size.holes[0] * min(1.0, shank.d / size.d):
+        if size is None or p.fits:
+            continue
+        if hole < SETTINGS.fine * size.holes[0] * min(1.0, shank.d / size.d):
             yield (
                 f"the hole of {p.part!r} for {bolt.part!r} has {hole:.4g} mm: "
                 f"{'ASME B18.2.8' if size.unified else 'ISO 273'} has "

@@ -1,7 +1,8 @@
 """From what the parts of a STEP file are taken for to a scene: cuts, laws, materials, each with its reason.
 
 Heads, nuts and joints are in contact with friction, threads are tied, shanks are free, bolts are cut at half
-of their grip for their preload; gaskets and sheets between parts are in contact on both sides. Supports and loads stay the user's.
+of their grip for their preload; gaskets and sheets between parts are in contact on both sides. Supports and
+loads stay the user's.
 """
 
 from __future__ import annotations

@@ -150,7 +150,8 @@ def _recess(seen: Turned, low: float, high: float, d: float) -> str:
         return within and min(least - seen.low, seen.high - most) < 0.5 * end
 
     ends = [s for s in seen.inside if at_end(s.low, s.high)]
-    slot = (f for f in seen.walls if at_end(float((t := (f.rim - seen.origin) @ seen.axis).min()), float(t.max())))
+    walls = ((f.rim - seen.origin) @ seen.axis for f in seen.walls)
+    slot = (True for along in walls if at_end(float(along.min()), float(along.max())))
     return "hexagon socket" if any(s.hexagon for s in ends) else "recess" if ends or any(slot) else ""
 
 

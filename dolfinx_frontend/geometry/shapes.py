@@ -282,7 +282,8 @@ def _around(body: Body, origin: Array, axis: Array, slack: float) -> Turned:
     share += sum(f.area for s in hexagons for f in s.faces)
     ordered = tuple(sorted(stations, key=lambda s: (s.low, s.high, s.width)))
     walls = tuple(f for f in sides if float((f.centre - origin) @ f.first.normal) < 0.0)
-    return Turned(body, origin, axis, float(along.min()), float(along.max()), ordered, share / body.area, walls)
+    low, high = float(along.min()), float(along.max())
+    return Turned(body, origin, axis, low, high, ordered, share / body.area, walls)
 
 
 def _revolved(surface: Surface, origin: Array, axis: Array, slack: float) -> str:

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
-__all__ = ["GRADES", "HEAD", "INCHES", "JOINT", "SIZES", "TIGHTENING", "Size", "Span", "nearest_size", "preload",
-           "size_of"]
+__all__ = ["GRADES", "HEAD", "INCHES", "JOINT", "SIZES", "TIGHTENING", "Size", "Span", "nearest_size",
+           "preload", "size_of"]
 
 
 class Size(NamedTuple):
@@ -131,8 +131,9 @@ def _inches() -> dict[str, Size]:
         flats, head, nut, outer, inner, *holes = (25.4 / 64.0 * float(each) for each in row[3:])
         thick = 25.4 * next(t for most, t in _SAE.items() if d < most)
         for turns, series in ((row[1], "UNC"), (row[2], "UNF")):
-            each = Size(25.4 * d, 25.4 / float(turns), flats, head, nut, 1.5 * 25.4 * d, (inner, outer, thick),
-                        (holes[0], holes[1], holes[2]), f"{row[0]}-{turns} {series}")
+            name, of_holes = f"{row[0]}-{turns} {series}", (holes[0], holes[1], holes[2])
+            each = Size(25.4 * d, 25.4 / float(turns), flats, head, nut, 38.1 * d, (inner, outer, thick),
+                        of_holes, name)
             out[each.name] = each
     return out
 
