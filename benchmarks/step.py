@@ -5,8 +5,8 @@
 
 The assemblies (``tests/geometry/assemblies.py`` and ``families.py``, in turns) have 3 to some 30 parts and
 threads of M4 to M64. Each is judged with its names and without, and once more with all sizes of fasteners and
-holes up to 5 % off the standard. Those of ``--held-out`` (``tests/geometry/heldout.py``) are of other families,
-that nobody tunes on.
+holes up to 5 % off the standard. Those of ``--held-out`` (``tests/geometry/heldout.py``) are of other
+families, that nobody tunes on.
 """
 
 from __future__ import annotations

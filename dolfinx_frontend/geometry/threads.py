@@ -141,8 +141,8 @@ def _inches() -> dict[str, Size]:
 INCHES = _inches()
 
 _EXACT = 2e-3
-"""By as much a diameter and a width may be off those of a thread of inches, relative: metric sizes are within 1 %
-of some of them, so that only what is drawn exactly is one."""
+"""By as much a diameter and a width may be off those of a thread of inches, relative: metric sizes are within
+1 % of some of them, so that only what is drawn exactly is one."""
 
 _SECOND = ("M14", "M18", "M22", "M27", "M33", "M39", "M45", "M52", "M60")
 """Sizes of the second choice of ISO 261: what is between two sizes is rather of the first."""

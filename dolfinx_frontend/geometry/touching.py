@@ -35,8 +35,8 @@ _OPPOSED = -0.5
 """Two faces face each other where the product of their outward normals is below this."""
 
 _WEDGE = -0.98
-"""Faces whose angle is the same everywhere, planes, cylinders and cones of one axis, meet in an edge only where
-the product of their normals is above this: within the gap they are a strip that is five gaps wide."""
+"""Faces whose angle is the same everywhere, planes, cylinders and cones of one axis, meet in an edge only
+where the product of their normals is above this: within the gap they are a strip five gaps wide."""
 
 _PARALLEL = 1e-6
 """Sine of the angle of two axes that are parallel."""

@@ -70,7 +70,7 @@ class Part:
 
 @dataclass
 class Assembly:
-    """Parts, and how they are written: `unit` of the file, turned around an axis, and mirrored; as splines."""
+    """Parts, and how they are written: `unit` of the file, turned around an axis, mirrored, as splines."""
 
     d: float
     parts: list[Part] = field(default_factory=list)

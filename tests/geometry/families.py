@@ -5,8 +5,8 @@ runouts and waists, threads drawn at their core or with an overlap, flanged and 
 sides of nuts, wide, split and fused washers, gaskets inside of the bolts, counterbores, and beside them
 bearing rings, circlips, sleeves, plugs, shims, and parts whose names have words of fasteners in them.
 
-The first trial of the recognition was made with these, and it has learned from them since. ``made(seed)`` makes
-one; the family is seed modulo six.
+The first trial of the recognition was made with these, and it has learned from them since. ``made(seed)``
+makes one; the family is seed modulo six.
 """
 
 from __future__ import annotations

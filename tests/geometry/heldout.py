@@ -1,9 +1,9 @@
 """Assemblies of families that the recognition has not seen, drawn in ways of their own.
 
 Hinges, rails under double nuts, motors on slotted feet, split pumps, laminated stacks and pillow blocks: cap,
-button, countersunk, cheese and flanged heads, nuts with collars of plastic or a flange, chamfered, wide and split
-washers, gaskets with lobes, thin insulation; beside them hinge pins, keys, hubs, covers, sleeves, bearing rings,
-spacers, shims. Some files have all faces as splines.
+button, countersunk, cheese and flanged heads, nuts with collars of plastic or a flange, chamfered, wide and
+split washers, gaskets with lobes, thin insulation; beside them hinge pins, keys, hubs, covers, sleeves,
+bearing rings, spacers, shims. Some files have all faces as splines.
 
 Nobody tunes anything on these: who changes the recognition because of one of them moves its family to
 ``families.py`` and writes another. ``made(seed)`` makes one; the family is seed modulo six.
@@ -21,17 +21,19 @@ from tests.geometry.assemblies import Assembly, Make, Maker, cut, cylinder, fini
 Sites = list[tuple[float, float]]
 
 _NAMES = {
-    "bolt": ("M{d} x {l} Screw", "Flachkopfschraube M{d}", "Vis FHC M{d}x{l}", "cap_screw.{n}", "Hex Bolt {n}",
-             "Vite a brugola M{d}", "TORNILLO ALLEN {n}", "ISO 10642 M{d}x{l}", "DIN 931-M{d}x{l}"),
+    "bolt": ("M{d} x {l} Screw", "Flachkopfschraube M{d}", "Vis FHC M{d}x{l}", "cap_screw.{n}",
+             "Hex Bolt {n}", "Vite a brugola M{d}", "TORNILLO ALLEN {n}",
+             "ISO 10642 M{d}x{l}", "DIN 931-M{d}x{l}"),
     "stud": ("Stud M{d}", "goujon filete {n}", "Gewindestange M{d}-{l}", "barra roscada {n}", "DIN 976 M{d}"),
     "nut": ("Nylon insert lock nut {n}", "DIN 985 M{d}", "Sicherungsmutter {n}", "ecrou frein {n}", "Nut.{n}",
             "tuerca autoblocante {n}", "Dado flangiato M{d}"),
     "washer": ("Fender washer {n}", "Federscheibe-{n}", "rondelle large {n}", "rosetta {n}", "DIN 127 - {d}"),
-    "gasket": ("Papierdichtung {n}", "rubber pad {n}", "joint de culasse {n}", "GASKET.{n}", "junta plana {n}"),
+    "gasket": ("Papierdichtung {n}", "rubber pad {n}", "joint de culasse {n}", "GASKET.{n}",
+               "junta plana {n}"),
     "dowel": ("Zylinderstift {n}", "dowel.{n}", "spina cilindrica {n}", "goupille {n}"),
     "sheet": ("Passblech {n}", "shim {n}", "part.{n}", "Unterlage {n}", "cale d'epaisseur {n}"),
-    "": ("motor {n}", "Gehaeuseoberteil {n}", "leaf.{n}", "Rippe {n}", "volute {n}", "Scharnier {n}", "Part{n}",
-         "nutplate carrier {n}", "Boltzmann jig {n}", "key {n}", "Deckplatte {n}"),
+    "": ("motor {n}", "Gehaeuseoberteil {n}", "leaf.{n}", "Rippe {n}", "volute {n}", "Scharnier {n}",
+         "Part{n}", "nutplate carrier {n}", "Boltzmann jig {n}", "key {n}", "Deckplatte {n}"),
 }
 
 
@@ -44,10 +46,12 @@ class _HeldOut(Maker):
         super().__init__(seed, off)
         self.way = str(self.rng.choice(["nominal", "core", "overlap"], p=[0.4, 0.25, 0.35]))
         core = self.d * float(self.rng.uniform(0.82, 0.86))
-        self.tip, self.bore = {"nominal": (self.d, self.d), "core": (core, core), "overlap": (self.d, core)}[self.way]
+        widths = {"nominal": (self.d, self.d), "core": (core, core), "overlap": (self.d, core)}
+        self.tip, self.bore = widths[self.way]
 
     # --- fasteners --------------------------------------------------------------------------------
-    def screw(self, x: float, y: float, seat: float, way: int, length: float, thread: float, head: str) -> Make:
+    def screw(self, x: float, y: float, seat: float, way: int, length: float, thread: float,
+              head: str) -> Make:
         """A screw whose head lies on (countersunk: ends at) `seat`, towards `way`."""
         d, w, k, dk, tip = self.d, self.across, self.head, self.socket, self.tip
         turn, pointed = float(self.rng.uniform(0, 1)), self.chance(0.6)
@@ -74,7 +78,8 @@ class _HeldOut(Maker):
                 rods += [rod(-full, 0.0, d), face, (3, one(occ.intersect([block], [limit])[0]))]
             elif head == "flanged":
                 top = 1.1 * k
-                rods += [rod(-full, 0.0, d), rod(0.0, 0.08 * d, 2.15 * d), cone(0.08 * d, 0.3 * d, 2.15 * d, w),
+                rods += [rod(-full, 0.0, d), rod(0.0, 0.08 * d, 2.15 * d),
+                         cone(0.08 * d, 0.3 * d, 2.15 * d, w),
                          hexagon(occ, x, y, seat, seat + way * top, w, turn)]
             elif head == "button":
                 top = 0.55 * d
@@ -83,11 +88,12 @@ class _HeldOut(Maker):
                 rods += [rod(-full, 0.0, d), dome]
             else:  # socket or cheese
                 top = d if head == "socket" else 0.65 * d
-                rods += [rod(-full, 0.0, d), rod(0.0, 0.92 * top, dk), cone(0.92 * top, top, dk, dk - 0.12 * top)]
+                rods += [rod(-full, 0.0, d), rod(0.0, 0.92 * top, dk),
+                         cone(0.92 * top, top, dk, dk - 0.12 * top)]
             body = fuse(occ, rods[::-1])
             if head == "cheese":
-                slot = occ.addBox(x - 2 * d, y - 0.12 * d, seat + way * 0.35 * d - (0 if way > 0 else d), 4 * d,
-                                  0.24 * d, d)
+                low = seat + way * 0.35 * d - (0 if way > 0 else d)
+                slot = occ.addBox(x - 2 * d, y - 0.12 * d, low, 4 * d, 0.24 * d, d)
                 return cut(occ, body, [(3, slot)])
             if head in ("socket", "button", "countersunk"):
                 low = top - (0.5 * d if head == "socket" else 0.3 * d)
@@ -135,7 +141,8 @@ class _HeldOut(Maker):
                 body = fuse(occ, [cylinder(occ, x, y, bottom, bottom + t - s, outer), (3, edge)])
             tools = [cylinder(occ, x, y, bottom - 1, bottom + t + 1, inner)]
             if form == "split":
-                tools.append((3, occ.addBox(x, y - 0.04 * self.d, bottom - 1, 2 * self.d, 0.08 * self.d, t + 2)))
+                wide = 0.08 * self.d
+                tools.append((3, occ.addBox(x, y - 0.5 * wide, bottom - 1, 2 * self.d, wide, t + 2)))
             return cut(occ, body, tools)
 
         return make, t
@@ -153,8 +160,8 @@ class _HeldOut(Maker):
         self.add("nut", make, form)
         return low + way * high
 
-    def bolted(self, x: float, y: float, bottom: float, top: float, head: str, nut: str, rings: tuple[str, str],
-               way: int = 1) -> None:
+    def bolted(self, x: float, y: float, bottom: float, top: float, head: str, nut: str,
+               rings: tuple[str, str], way: int = 1) -> None:
         """Head on top (way 1) or below, washers at both ends, a nut."""
         ends = (top, bottom) if way > 0 else (bottom, top)
         seat = self.washer_at(x, y, ends[0], way, rings[0])
@@ -203,7 +210,8 @@ class _HeldOut(Maker):
     def hinge(self) -> None:
         """Two leaves with knuckles on a pin, screwed to two boards, with a packer perhaps."""
         d, rng = self.d, self.rng
-        rows, t, wide = int(rng.integers(1, 4)), float(rng.uniform(0.8, 1.2)) * d, float(rng.uniform(4.0, 6.0)) * d
+        rows, t = int(rng.integers(1, 4)), float(rng.uniform(0.8, 1.2)) * d
+        wide = float(rng.uniform(4.0, 6.0)) * d
         pitch, pin = float(rng.uniform(3.5, 5.0)) * d, float(rng.uniform(0.9, 1.6)) * d
         half, board, hole = 0.5 * pitch * rows + d, float(rng.uniform(2.2, 3.0)) * d, self.room()
         pack = 0.12 * d if self.chance(0.5) else 0.0
@@ -286,7 +294,8 @@ class _HeldOut(Maker):
         d, rng = self.d, self.rng
         x0, y0 = float(rng.uniform(4.0, 6.0)) * d, float(rng.uniform(3.0, 5.0)) * d
         sites = [(sx * x0, sy * y0) for sx in (-1, 1) for sy in (-1, 1)]
-        half, t, base = (x0 + 2.5 * d, y0 + 2.5 * d), float(rng.uniform(0.8, 1.4)) * d, float(rng.uniform(1.5, 3)) * d
+        half, t = (x0 + 2.5 * d, y0 + 2.5 * d), float(rng.uniform(0.8, 1.4)) * d
+        base = float(rng.uniform(1.5, 3)) * d
         hole, slot = self.room(), 0.4 * d if self.chance(0.6) else 0.0
         pad = min(float(rng.uniform(1.0, 4.0)), 0.035 * math.hypot(*half)) if self.chance(0.6) else 0.0
         r = float(rng.uniform(0.5, 0.7)) * y0
@@ -319,10 +328,12 @@ class _HeldOut(Maker):
             return cut(occ, body, [(3, occ.addBox(end - 1.5 * r, -0.5 * w, z + 0.25 * r, 1.2 * r, w, r))])
 
         self.add("", shaft, "shaft")
-        self.add("", lambda occ: (3, occ.addBox(end - 1.5 * r, -0.5 * w, z + 0.25 * r, 1.2 * r, w, 0.14 * r)), "key")
+        self.add("", lambda occ: (3, occ.addBox(end - 1.5 * r, -0.5 * w, z + 0.25 * r, 1.2 * r, w, 0.14 * r)),
+                 "key")
         wide = float(rng.uniform(0.4, 1.5)) * r
         self.add("", lambda occ: cut(occ, (3, occ.addCylinder(end - wide, 0, z, wide, 0, 0, 0.8 * r)),
-                                     [(3, occ.addCylinder(end - 2 * wide, 0, z, 3 * wide, 0, 0, 0.4 * r))]), "hub")
+                                     [(3, occ.addCylinder(end - 2 * wide, 0, z, 3 * wide, 0, 0, 0.4 * r))]),
+                 "hub")
 
     def pump(self) -> None:
         """Two halves with lobes around their bolts, a gasket of the same outline, dowels."""
@@ -344,12 +355,12 @@ class _HeldOut(Maker):
         def half(low: float, high: float, way: int, width: float) -> Make:
             def make(occ: Any) -> tuple[int, int]:
                 face = low if way > 0 else high
-                body = fuse(occ, [outline(occ, low, high),
-                                  cylinder(occ, 0, 0, low - (3 * d if way < 0 else 0), high + (3 * d if way > 0 else 0),
-                                           bore)])
+                neck = cylinder(occ, 0, 0, low - 3 * d * (way < 0), high + 3 * d * (way > 0), bore)
+                body = fuse(occ, [outline(occ, low, high), neck])
                 cup = cylinder(occ, 0, 0, face - 2 * d * (way < 0), face + 2 * d * (way > 0), bore - d)
                 tools = [cup, *self.tool(occ, sites, low - 1, high + 1, width)]
-                return cut(occ, body, [*tools, *(cylinder(occ, x, y, -0.6 * d, 0.6 * d, 0.5 * d) for x, y in pins)])
+                tools += [cylinder(occ, x, y, -0.6 * d, 0.6 * d, 0.5 * d) for x, y in pins]
+                return cut(occ, body, tools)
 
             return make
 
@@ -358,7 +369,8 @@ class _HeldOut(Maker):
         self.add("", half(-deep, 0.0, -1, self.bore if tapped else hole), "back")
         if seal:
             self.add("gasket", lambda occ: cut(occ, outline(occ, 0.0, seal), [
-                cylinder(occ, 0, 0, -1, seal + 1, bore - d), *self.tool(occ, sites, -1, seal + 1, hole)]), "lobes")
+                cylinder(occ, 0, 0, -1, seal + 1, bore - d), *self.tool(occ, sites, -1, seal + 1, hole)]),
+                "lobes")
         for x, y in pins:
             self.add("dowel", lambda occ, x=x, y=y: cylinder(occ, x, y, -0.55 * d, 0.55 * d, 0.5 * d))
         head = str(rng.choice(["hexagon", "socket", "button", "cheese"]))
@@ -386,7 +398,8 @@ class _HeldOut(Maker):
                 thin = min(float(rng.uniform(0.3, 2.0)), 0.02 * radius)
                 self.add("gasket", self.slab(half, z, z + thin, sites, wide), "insulation")
                 z += thin
-        head, nut = str(rng.choice(["hexagon", "socket", "flanged"])), str(rng.choice(["plain", "locking", "flanged"]))
+        head = str(rng.choice(["hexagon", "socket", "flanged"]))
+        nut = str(rng.choice(["plain", "locking", "flanged"]))
         for x, y in sites:
             if sleeve:
                 self.add("", lambda occ, x=x, y=y: cut(occ, cylinder(occ, x, y, 0, z, 1.7 * d),
@@ -423,8 +436,10 @@ class _HeldOut(Maker):
             area = (1.9 * d, half[1])
             self.add("sheet", self.slab(area, 0.0, shim, [(x, y)], hole, at=(x, y)), "shim")
         tapped = self.chance(0.6)
-        self.add("", self.slab((half[0] + d, half[1] + d), -base, 0.0, sites, self.bore if tapped else hole), "base")
-        ring, head = "wide" if slot else str(rng.choice(["plain", "split", ""])), str(rng.choice(["hexagon", "socket"]))
+        bore = self.bore if tapped else hole
+        self.add("", self.slab((half[0] + d, half[1] + d), -base, 0.0, sites, bore), "base")
+        ring = "wide" if slot else str(rng.choice(["plain", "split", ""]))
+        head = str(rng.choice(["hexagon", "socket"]))
         for x, y in sites:
             if tapped:
                 self.tapped(x, y, 0.0, shim + t, head, ring)

@@ -13,8 +13,8 @@ from tests.geometry.assemblies import Assembly, Part
 COUNTED = ("bolt", "nut", "washer", "gasket")
 """What must be found; of the others, studs and dowels are looked at as well.
 
-Without its name a gasket is found if it is taken for a sheet between two parts: its joints are then proposed as
-with its name, only its material is asked for. So any other part that is taken for such a sheet counts as wrong.
+Without its name a gasket is found if it is taken for a sheet between two parts: its joints are then proposed
+as with its name, only its material is asked for. So any other part that is taken for such a sheet is wrong.
 """
 
 

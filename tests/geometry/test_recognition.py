@@ -172,9 +172,10 @@ def test_a_name_makes_no_bolt_of_a_plate(tmp_path: Path) -> None:
 
 
 def joint(occ: Any, mirrored: bool) -> dict[str, int]:
-    """A hexagon bolt with a chamfered head through two plates, a nut, a countersunk hole; splines if mirrored."""
+    """A hexagon bolt with a chamfered head through two plates, a nut, a countersunk hole; perhaps splines."""
     tools = [pin(occ, -1, 41, 11), (3, occ.addCone(0, 0, 0, 0, 0, 3, 8.5, 5.5))]
-    solids = {"a": cut(occ, block(occ, 0, 20), *tools), "b": cut(occ, block(occ, 20, 40), pin(occ, 19, 41, 11))}
+    solids = {"a": cut(occ, block(occ, 0, 20), *tools)}
+    solids["b"] = cut(occ, block(occ, 20, 40), pin(occ, 19, 41, 11))
     limit = (3, occ.addCone(0, 0, 40, 0, 0, 6.4, 7.6 + 1.732 * 6.4, 7.6))
     head = occ.intersect([hexagon(occ, 0, 0, 40, 46.4, 16.0, 0.2)], [limit])[0]
     solids["c"] = occ.fuse(head, [pin(occ, -12, 40, 10)])[0][0][1]
@@ -213,9 +214,10 @@ def test_a_chamfer_makes_no_interface(tmp_path: Path) -> None:
 def test_flanks_of_a_thread_are_around_its_axis() -> None:
     """Normals of a helicoid with flanks of 30 degrees pass the axis by the lead over a turn."""
     turns, r = (a.ravel() for a in np.meshgrid(np.linspace(0, 6, 9), np.linspace(2.4, 3.0, 4)))
-    points = np.stack([r * np.cos(turns), r * np.sin(turns), turns / (2 * math.pi) - r / math.sqrt(3.0)], axis=1)
-    out, along = (np.stack(v, axis=1) for v in ((np.cos(turns), np.sin(turns), 0 * r - 1 / math.sqrt(3.0)),
-                                                (-r * np.sin(turns), r * np.cos(turns), 0 * r + 0.5 / math.pi)))
+    x, y, slope = np.cos(turns), np.sin(turns), 1.0 / math.sqrt(3.0)
+    points = np.stack([r * x, r * y, turns / (2 * math.pi) - r * slope], axis=1)
+    out = np.stack([x, y, 0.0 * r - slope], axis=1)
+    along = np.stack([-r * y, r * x, 0.0 * r + 0.5 / math.pi], axis=1)
     normals = np.cross(out, along)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     z = np.array([0.0, 0.0, 1.0])
