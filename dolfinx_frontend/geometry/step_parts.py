@@ -382,10 +382,6 @@ class StepParts:
         whole = bodies(self.solids, self.touches.values())
         return whole, recognised(whole, self.touches.values())
 
-    def take(self, found: Mapping[str, Finding]) -> None:
-        """Parts are what another reading of the file has found."""
-        self._overruled |= found
-
     # -- what the user sees ----------------------------------------------------------------------
     @property
     def interfaces(self) -> tuple[str, ...]:
