@@ -3,9 +3,10 @@
     ./run bench step --count 200
     ./run bench step --count 200 --held-out
 
-The assemblies (``tests/geometry/assemblies.py``) have 3 to some 30 parts and threads of M4 to M64. Each is
-judged with its names and without, and once more with all sizes of fasteners and holes up to 5 % off the
-standard. Those of ``--held-out`` (``tests/geometry/heldout.py``) are of other families, that nobody tunes on.
+The assemblies (``tests/geometry/assemblies.py`` and ``families.py``, in turns) have 3 to some 30 parts and
+threads of M4 to M64. Each is judged with its names and without, and once more with all sizes of fasteners and
+holes up to 5 % off the standard. Those of ``--held-out`` (``tests/geometry/heldout.py``) are of other
+families, that nobody tunes on.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 import common  # makes the tests importable
 from scipy.stats import beta
 
-from tests.geometry import assemblies, heldout
+from tests.geometry import assemblies, families, heldout
 from tests.geometry.assemblies import Assembly, write
 from tests.geometry.judging import COUNTED, judged
 
@@ -72,7 +73,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=math.inf, help="begin no assembly after these")
     parser.add_argument("--json", type=Path, help="file to write the record to")
     given = parser.parse_args()
-    made = heldout.made if given.held_out else assemblies.made
+
+    def made(number: int, off: bool) -> Assembly:
+        if given.held_out:
+            return heldout.made(number, off)
+        return (assemblies, families)[number % 2].made(number // 2, off)
+
     sums: dict[str, Counter[Any]] = {}
     failed, done, began = [], 0, perf_counter()
     for number in range(given.first, given.first + given.count):
@@ -85,7 +91,7 @@ def main() -> None:
         for kind in COUNTED:
             print(share(f"  {kind}s found", counts[kind, "found"], counts[kind, "there"]))
         found, there = (sum(counts[kind, word] for kind in COUNTED) for word in ("found", "there"))
-        print(share("  found", found, there))
+        print(share("  all of these found", found, there))
         print(share("  sizes right of those found", counts["sizes"], counts["sized"]))
         print(share("  others taken for one", counts["false"], counts["others"]))
         print(share("  studs and dowels found", counts["more found"], counts["more there"]))

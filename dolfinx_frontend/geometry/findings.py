@@ -9,14 +9,16 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.geometry.threads import Size
 
-__all__ = ["CLAMPING", "FLAT", "KINDS", "SETTINGS", "Finding", "Passage", "Settings", "Shank", "Span",
-           "threads"]
+__all__ = ["CLAMPING", "FLAT", "KINDS", "SETTINGS", "UNTOLD", "Finding", "Passage", "Settings", "Shank",
+           "Span", "play", "threads"]
 
 KINDS = ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet")
 CLAMPING = ("bolt", "stud", "nut", "washer")
 """Kinds whose plane faces press on others."""
 FLAT = ("gasket", "sheet")
 """Kinds that are thin and flat."""
+UNTOLD = "is a thin sheet between two parts, and no shape tells its material"
+"""What is missing of a sheet that may be a gasket."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +89,18 @@ class Settings:
     """Fraction of a dowel that is in holes."""
     thin: float = 0.05
     """Thickness of a sheet over its extent."""
-    gasket: float = 0.4
-    """Thickness of a gasket over those of the parts beside."""
     covered: float = 0.4
-    """Fraction of each side of a gasket on which another part lies."""
+    """Fraction of each side of a sheet on which thicker parts lie, for it to be between them."""
     prism: float = 0.1
     """By as much the volume of a sheet may differ from area times thickness, relative."""
+    lead: float = 0.07
+    """Lead of a thread over its circumference: M3 has 0.06."""
+    drawn: float = 0.02
+    """By as much a shank may be off the diameters of its thread, relative, before this is said."""
+    fine: float = 0.995
+    """Hole over that of the fine series from which it is no narrower: rounding of inches."""
+    thread_length: float = 0.5
+    """Length of a thread that holds a bolt; nuts of ISO 4032 have 0.8."""
     skew: float = 1e-3
     """Sine of an angle that is none, of an axis in its hole; the cosine of one between sides is 1 - it."""
 
@@ -171,9 +179,11 @@ class Finding:
     reasons
         Why, in words.
     missing
-        What it lacks, if it looks like a fastener but for one thing.
+        What it lacks, if it looks like a fastener but for one thing; of a sheet, what is not known.
     shank, axis, origin, passages
         Of bolts, studs and dowels.
+    between
+        Parts that a sheet or gasket lies between; empty: there are none on one of its sides.
     """
 
     part: str
@@ -185,11 +195,20 @@ class Finding:
     axis: Array = field(default_factory=lambda: np.zeros(3), repr=False)
     origin: Array = field(default_factory=lambda: np.zeros(3), repr=False)
     passages: tuple[Passage, ...] = ()
+    between: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
         """``"bolt M12"``."""
         return " ".join(filter(None, (self.kind, self.size.name if self.size else "")))
+
+
+def play(found: Finding, part: str = "") -> float:
+    """Greatest room around a thread of one that holds it: drawn at its core in a hole as it is bored."""
+    if found.kind not in ("bolt", "stud") or found.shank is None:
+        return 0.0
+    held = [p for each in threads(found).values() for p in each if part in ("", p.part)]
+    return max([0.0, *(0.5 * (p.width - found.shank.d) for p in held)])
 
 
 def threads(found: Finding) -> dict[int, list[Passage]]:

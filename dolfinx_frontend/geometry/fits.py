@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from dolfinx_frontend.geometry.findings import Finding, threads
+from dolfinx_frontend.geometry.findings import SETTINGS, Finding, threads
 from dolfinx_frontend.geometry.touching import Touch
 
 __all__ = ["misfits"]
-
-_DRAWN = 0.02
-"""By as much a shank may be off the diameters of its thread, relative, before this is said."""
-
-_FINE = 0.995
-"""Hole over that of the fine series from which it is no narrower: rounding of inches."""
-
-_LEAST = 0.5
-"""Length of a thread that holds a bolt, in diameters; nuts of ISO 4032 have 0.8."""
 
 
 def misfits(found: Mapping[str, Finding], touches: Iterable[Touch], close: Sequence[Touch]) -> list[str]:
@@ -29,9 +20,12 @@ def misfits(found: Mapping[str, Finding], touches: Iterable[Touch], close: Seque
     touches, close
         Faces that touch, or are within the gap that was asked for; and those that are nearly so.
     """
-    alike = {name: f.missing for name, f in found.items() if f.missing}
-    remedy = 'say step.is_bolt({0!r}), step.is_a({0!r}, "dowel"), or leave it'
-    out = [f"{name!r} {missing}: {remedy.format(name)}" for name, missing in alike.items()]
+    alike = 'say step.is_bolt({0!r}), step.is_a({0!r}, "dowel"), or leave it'
+    untold = "give step.material({0!r}, ...), or say step.is_gasket({0!r}); steel is assumed"
+    out = [
+        f"{name!r} {f.missing}: {(untold if f.kind else alike).format(name)}"
+        for name, f in found.items() if f.missing
+    ]
     bolts = [f for f in found.values() if f.kind in ("bolt", "stud") and f.shank is not None]
     for bolt in bolts:
         out += _of_bolt(bolt)
@@ -45,16 +39,19 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
     shank, size = bolt.shank, bolt.size
     assert shank is not None
     held = threads(bolt)
-    if size is not None and min(abs(shank.d / each - 1.0) for each in size.drawn) > _DRAWN:
+    if size is not None and min(abs(shank.d / each - 1.0) for each in size.drawn) > SETTINGS.drawn:
         yield (
-            f"{bolt.part!r} has {shank.d:.4g} mm, which is taken for {size.name}: threads of inches are not "
-            f"in the tables; give another size, step.is_bolt({bolt.part!r}, ...), or its own Preload"
+            f"{bolt.part!r} has {shank.d:.4g} mm, which is taken for {size.name}; give another size, "
+            f"step.is_bolt({bolt.part!r}, ...), or its own Preload"
         )
     for p in bolt.passages:
         hole = p.width
-        if size is not None and not p.fits and hole < _FINE * size.holes[0] * min(1.0, shank.d / size.d):
+        if size is None or p.fits:
+            continue
+        if hole < SETTINGS.fine * size.holes[0] * min(1.0, shank.d / size.d):
             yield (
-                f"the hole of {p.part!r} for {bolt.part!r} has {hole:.4g} mm: ISO 273 has "
+                f"the hole of {p.part!r} for {bolt.part!r} has {hole:.4g} mm: "
+                f"{'ASME B18.2.8' if size.unified else 'ISO 273'} has "
                 f"{size.holes[0]:g} mm (fine) to {size.holes[2]:g} mm for {size.name}; bore it, or give "
                 f"another size, step.is_bolt({bolt.part!r}, ...)"
             )
@@ -63,7 +60,7 @@ def _of_bolt(bolt: Finding) -> Iterator[str]:
         if not held[end]:
             remedy = f"add one, or step.is_not({bolt.part!r})"
             yield f"{bolt.part!r} has neither nut nor thread at its end: {remedy}"
-        elif length < _LEAST * shank.d:
+        elif length < SETTINGS.thread_length * shank.d:
             yield (
                 f"{bolt.part!r} is {length:.3g} mm in the thread of {held[end][0].part!r}, "
                 f"{length / shank.d:.2f} diameters: it is too short for its grip; take a longer one"

@@ -207,8 +207,8 @@ def _tapped(
     occ, model = gmsh.model.occ, gmsh.model
     out, depths = dict(volumes), dict[tuple[str, str], float]()
     names, found = list(volumes), dict[str, dict[str, dict[Any, float]]]()
-    rounds = {n: [surface_of(model, n, [t], f) for f in faces_of(model, [t])
-                  if model.getType(2, f) == "Cylinder"] for n, t in volumes.items()}
+    rounds = {n: [s for f in faces_of(model, [t]) if model.getType(2, f) != "Plane"
+                  and (s := surface_of(model, n, [t], f)).kind == "cylinder"] for n, t in volumes.items()}
     for pair in near_pairs([box_of(occ, 3, tag) for tag in volumes.values()], 0.0):
         for i, j in (pair, pair[::-1]):
             each = [_ring(s, h) for s in rounds[names[i]] if not s.hollow

@@ -1,7 +1,8 @@
 """From what the parts of a STEP file are taken for to a scene: cuts, laws, materials, each with its reason.
 
 Heads, nuts and joints are in contact with friction, threads are tied, shanks are free, bolts are cut at half
-of their grip for their preload; gaskets are in contact on both sides. Supports and loads stay the user's.
+of their grip for their preload; gaskets and sheets between parts are in contact on both sides. Supports and
+loads stay the user's.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry.findings import Finding, threads
+from dolfinx_frontend.geometry.findings import Finding, play, threads
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.threads import HEAD, JOINT, TIGHTENING, Span, preload
 from dolfinx_frontend.geometry.touching import Touch
@@ -21,11 +22,14 @@ from dolfinx_frontend.scene.laws import Contact, Law, Perfect, Preload
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.uncertainty.parameters import LogNormal, Normal
 
-__all__ = ["Choice", "clamped_by", "section"]
+__all__ = ["Choice", "clamped_by", "room", "section"]
 
 STEEL = LinearElastic(E=210e3, nu=0.3)
 SOFT = LinearElastic(E=1e3, nu=0.3)
 """Of gaskets, MPa: a value to be replaced by that of the maker."""
+
+_ROOM = 1.01
+"""Distance up to which a thread is looked for, over the room around it."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,8 @@ class Choice:
         """Of a part, and why."""
         if found.kind == "gasket":
             return SOFT, "assumed: the maker knows it"
+        if found.missing and found.kind:
+            return STEEL, f"assumed: steel, MPa; it {found.missing}: a gasket has some 1 GPa"
         return STEEL, "assumed: steel, MPa"
 
     def law(self, touch: Touch, found: Sequence[Finding], clamped: bool) -> tuple[Law | None, str]:
@@ -63,7 +69,7 @@ class Choice:
         for one, other in (found, found[::-1]):
             if one.kind in ("bolt", "stud") and round_ and not np.any(touch.normal):
                 held = {p.part for each in threads(one).values() for p in each}
-                if other.part in held and touch.kind == "touching":
+                if other.part in held and touch.gap <= _ROOM * play(one, other.part):
                     return Perfect(), "a thread: tied"
                 return None, "a shank in its hole: free"
             if one.kind == "dowel" and round_:
@@ -80,10 +86,12 @@ class Choice:
         if kinds & {"bolt", "nut", "washer", "stud"}:
             mu = self.friction("mu_head", HEAD)
             return Contact(gap=gap, friction=mu), "under a head, nut or washer: VDI 2230 table A5, class B"
-        if not clamped:
+        between = any(one.part in other.between for one, other in (found, found[::-1]))
+        if not clamped and not between:
             return Perfect(), "no bolt clamps these two: tied"
         mu = self.friction("mu_joint", JOINT)
-        return Contact(gap=gap, friction=mu), "clamped joint: dry steel, VDI 2230 table A6"
+        joint = "clamped joint" if clamped else "a thin sheet between two parts"
+        return Contact(gap=gap, friction=mu), f"{joint}: dry steel, VDI 2230 table A6"
 
     def tightened(self, bolt: Finding) -> tuple[Law, str]:
         """The pretension section of a bolt."""
@@ -99,6 +107,11 @@ class Choice:
             f"{1e-3 * span.low:.3g} to {1e-3 * span.high:.3g} kN, VDI 2230 tables A1 and A8"
         )
         return Preload(force, until=1.0), why
+
+
+def room(found: Mapping[str, Finding]) -> float:
+    """Up to which faces have to count as nearly touching, for all threads to be tied."""
+    return _ROOM * max(map(play, found.values()), default=0.0)
 
 
 def clamped_by(found: Mapping[str, Finding], parts: Sequence[str]) -> bool:

@@ -2,7 +2,8 @@
 
 The shape decides: what a part is turned of, in ratios to the diameter of its thread, and what goes through
 it; so neither the size nor the place of an assembly matters. A name decides among kinds that the shape
-allows, and stands for a neighbour that is not there; it makes no bolt of a plate.
+allows, and stands for a neighbour that is not there; it makes no bolt of a plate. No shape tells a material:
+a thin flat part is a sheet, and a gasket where its name or the user says so.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dolfinx_frontend.geometry.findings import SETTINGS, Finding, Passage, Shank, Span
+from dolfinx_frontend.geometry.findings import FLAT, SETTINGS, UNTOLD, Finding, Passage, Shank, Span
 from dolfinx_frontend.geometry.naming import named_kind, named_size
 from dolfinx_frontend.geometry.shapes import Body, Face, Station, Turned, turned
 from dolfinx_frontend.geometry.threads import SIZES, Size, nearest_size
@@ -33,26 +34,25 @@ class _View:
     around: Mapping[str, _View] = field(default_factory=dict, repr=False)
     passages: tuple[Passage, ...] = ()
     through: tuple[tuple[_View, float], ...] = ()
-    """Shanks in the hole around its axis, with the ratio of the hole to them."""
+    """Bolts and studs in the hole around its axis, with the ratio of the hole to them."""
 
 
 def recognised(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> dict[str, Finding]:
     """What each part is taken for."""
     views = _views(bodies, bodies)
-    passing = {n: v.passages for n, v in views.items() if v.shank is not None}
     views = {n: replace(v, around=views) for n, v in views.items()}
     inside: dict[str, list[tuple[_View, float]]] = {}
-    for name, found in passing.items():
-        for each in found:
-            own = views[each.part].turned
-            if own is not None and any(each.tags & f.tags for s in own.inside for f in s.faces):
-                inside.setdefault(each.part, []).append((views[name], each.ratio))
+    for view in views.values():
+        if _bolt(view).kind or _stud(view).kind:
+            for each in view.passages:
+                own = views[each.part].turned
+                if own is not None and any(each.tags & f.tags for s in own.inside for f in s.faces):
+                    inside.setdefault(each.part, []).append((view, each.ratio))
     views = {n: replace(v, through=tuple(inside.get(n, ()))) for n, v in views.items()}
     sides = _covers(bodies, list(touches))
     out = {}
     for name, view in views.items():
-        tried = [kind(view) for kind in (_bolt, _stud, _nut, _washer, _dowel)]
-        tried += [_gasket(view, sides), _sheet(view)]
+        tried = [kind(view) for kind in (_bolt, _stud, _nut, _washer, _dowel)] + [_flat_part(view, sides)]
         kinds = [f for f in tried if f.kind]
         by_name = [f for f in kinds if f.kind == view.named]
         best = (by_name or kinds or [f for f in tried if f.missing] or [Finding(name)])[0]
@@ -142,11 +142,17 @@ def _clusters(stations: Iterable[Station], slack: float) -> list[list[Station]]:
 
 
 def _recess(seen: Turned, low: float, high: float, d: float) -> str:
-    """A socket at the end of a part."""
+    """A socket or slot at the end of a part."""
     end, deep = SETTINGS.end * d, SETTINGS.recess * d
-    found = [s for s in seen.inside if s.low >= low - end and s.high <= high + deep]
-    ends = [s for s in found if min(s.low - seen.low, seen.high - s.high) < 0.5 * end]
-    return "hexagon socket" if any(s.hexagon for s in ends) else "recess" if ends else ""
+
+    def at_end(least: float, most: float) -> bool:
+        within = least >= low - end and most <= high + deep
+        return within and min(least - seen.low, seen.high - most) < 0.5 * end
+
+    ends = [s for s in seen.inside if at_end(s.low, s.high)]
+    walls = ((f.rim - seen.origin) @ seen.axis for f in seen.walls)
+    slot = (True for along in walls if at_end(float(along.min()), float(along.max())))
+    return "hexagon socket" if any(s.hexagon for s in ends) else "recess" if ends or any(slot) else ""
 
 
 def _of_head(shank: Shank) -> Size | None:
@@ -293,21 +299,34 @@ def _ring(view: _View) -> tuple[float, float, float, bool] | None:
 
 
 def _like_nut(view: _View) -> bool:
-    """By its shape alone."""
+    """By its shape, or because a part with a hole is named so: some are square."""
     ring = _ring(view)
     if ring is None:
-        return False
+        return view.named == "nut" and _small_block(view)
     d, width, height, hexagon = ring
     return width / d in SETTINGS.across and height / d in (SETTINGS.nut if hexagon else SETTINGS.ring_nut)
 
 
+def _small_block(view: _View) -> bool:
+    """Whether a part is as wide as a square nut on its hole."""
+    seen = view.turned
+    if seen is None or seen.hole is None:
+        return False
+    rims = np.concatenate([f.rim for f in view.body.faces if len(f.rim)])
+    reach = np.linalg.norm(np.cross(rims - seen.origin, seen.axis), axis=1).max()
+    return float(reach) < SETTINGS.across.high * seen.hole.width / math.sqrt(2.0)
+
+
 def _nut(view: _View) -> Finding:
     """A hexagon with a hole, or a ring that fits a shank which goes on through a wider hole."""
-    ring = _ring(view)
+    ring, threaded = _ring(view), [v for v, ratio in view.through if ratio <= SETTINGS.fit]
+    on = tuple(f"on {v.body.name!r}" for v in threaded)
     if ring is None:
-        return Finding(view.body.name)
+        named = bool(threaded) and _like_nut(view)
+        size = _of_shank(threaded[0], "bolt").size if named else None
+        return Finding(view.body.name, "nut" if named else "", size, on)
     d, width, height, hexagon = ring
-    clamps = any(ratio <= SETTINGS.fit and any(not p.fits for p in v.passages) for v, ratio in view.through)
+    clamps = any(not p.fits for v in threaded for p in v.passages)
     fits = all(ratio <= SETTINGS.fit for _, ratio in view.through)
     heights = SETTINGS.nut if hexagon else SETTINGS.ring_nut
     tests = (
@@ -319,18 +338,17 @@ def _nut(view: _View) -> Finding:
     shank = min((v.shank.d for v, _ in view.through if v.shank is not None), default=0.0)
     size = _sized(view, shank or d, width if hexagon else None)
     words = f"{'hexagon' if hexagon else 'ring'} of {width:.4g} x {height:.4g} mm, hole of {d:.4g} mm"
-    reasons = [words, *(f"on {v.body.name!r}" for v, ratio in view.through if ratio <= SETTINGS.fit)]
-    judged = _judged(view, "nut", tests, Finding(view.body.name, "nut", size, tuple(reasons)))
+    judged = _judged(view, "nut", tests, Finding(view.body.name, "nut", size, (words, *on)))
     return judged if judged.kind or hexagon else Finding(view.body.name)
 
 
 def _washer(view: _View) -> Finding:
-    """A low ring that a shank goes through, or of a size of ISO 7089."""
+    """A low ring that a bolt goes through, or of a size of ISO 7089."""
     ring = _ring(view)
     if ring is None or ring[3]:
         return Finding(view.body.name)
     d, width, height, _ = ring
-    shanks = [v for v, ratio in view.through if v.shank is not None and ratio < SETTINGS.loose]
+    shanks = [v for v, ratio in view.through if ratio < SETTINGS.loose]
     size = _of_shank(shanks[0], "bolt").size if shanks else _washer_size(d, width, height)
     tests = (
         (width / d in SETTINGS.washer, f"is {width / d:.2f} diameters of its hole wide"),
@@ -381,7 +399,6 @@ class _Flat:
 
     sides: tuple[Face, Face]
     thickness: float
-    holes: int
 
 
 def _flat(body: Body) -> _Flat | None:
@@ -396,9 +413,7 @@ def _flat(body: Body) -> _Flat | None:
     prism = full > 0.0 and abs(body.volume / full - 1.0) < SETTINGS.prism
     if not opposed or not prism or thickness > SETTINGS.thin * body.size:
         return None
-    holes = [f for f in body.faces if f.kind == "cylinder" and f.first.hollow
-             and abs(float(f.first.axis @ a.first.normal)) > 1.0 - SETTINGS.skew]
-    return _Flat((a, b), thickness, len(holes))
+    return _Flat((a, b), thickness)
 
 
 Sides = Mapping[str, list[tuple[int, str, float, float]]]
@@ -420,35 +435,22 @@ def _covers(bodies: Mapping[str, Body], touches: Iterable[Touch]) -> Sides:
     return out
 
 
-def _gasket(view: _View, sides: Sides) -> Finding:
-    """A thin flat part with a hole between two parts that are much thicker."""
-    flat = _flat(view.body)
-    if flat is None or not flat.holes:
-        return Finding(view.body.name)
-    named = view.named == "gasket"
-    covered, thinnest, beside = [], math.inf, set()
-    for side in flat.sides:
-        on = [each for each in sides.get(view.body.name, ()) if each[0] in side.tags
-              and each[2] > flat.thickness]
-        covered.append(sum(each[3] for each in on) / side.area)
-        thinnest = min([thinnest, *(each[2] for each in on)])
-        beside |= {each[1] for each in on}
-    tests = (
-        (named or min(covered) > SETTINGS.covered, "has no part on both of its sides"),
-        (named or flat.thickness < SETTINGS.gasket * thinnest, "the parts beside are hardly thicker"),
-    )
-    words = f"{flat.thickness:.4g} mm thick, with {flat.holes} holes"
-    found = Finding(view.body.name, "gasket", None, (words, f"between {_named(sorted(beside))}"))
-    judged = _judged(view, "gasket", tests, found)
-    return judged if judged.kind else Finding(view.body.name)
-
-
-def _sheet(view: _View) -> Finding:
-    """A thin flat part."""
-    flat = _flat(view.body)
+def _flat_part(view: _View, sides: Sides) -> Finding:
+    """A thin flat part: shape tells that it lies between two that are thicker, a name that it seals."""
+    flat, name = _flat(view.body), view.body.name
     if flat is None:
-        return Finding(view.body.name)
-    return Finding(view.body.name, "sheet", None, (f"flat, {flat.thickness:.4g} mm thick",))
+        return Finding(name)
+    covered, beside = [], set()
+    for side in flat.sides:
+        on = [each for each in sides.get(name, ()) if each[0] in side.tags and each[2] > flat.thickness]
+        covered.append(sum(each[3] for each in on) / side.area)
+        beside |= {each[1] for each in on}
+    inner = min(covered) > SETTINGS.covered
+    between = tuple(sorted(beside)) if inner else ()
+    reasons = [f"flat, {flat.thickness:.4g} mm thick"] + [f"between {_named(between)}"] * inner
+    kind = "gasket" if view.named == "gasket" else "sheet"
+    open_ = UNTOLD if inner and view.named not in FLAT else ""
+    return Finding(name, kind, None, tuple(reasons), open_, between=between)
 
 
 def _named(names: Iterable[str]) -> str:

@@ -66,6 +66,7 @@ def renamed_finding(found: Finding, names: Mapping[str, str]) -> Finding:
         part=names[found.part],
         reasons=tuple(in_words(each, others) for each in found.reasons),
         passages=tuple(replace(each, part=names[each.part]) for each in found.passages),
+        between=tuple(names[each] for each in found.between),
     )
 
 

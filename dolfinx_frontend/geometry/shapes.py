@@ -15,6 +15,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.groups import grouped
+from dolfinx_frontend.geometry.findings import SETTINGS
 from dolfinx_frontend.geometry.solids import Solid, Surface
 from dolfinx_frontend.geometry.touching import Touch
 
@@ -125,6 +126,8 @@ class Turned:
         Prisms around it, as they follow one another.
     share
         Fraction of the body's area that they and planes across the axis make up.
+    walls
+        Planes along the axis that look towards it, as those of a slot.
     """
 
     body: Body
@@ -134,6 +137,7 @@ class Turned:
     high: float
     stations: tuple[Station, ...]
     share: float
+    walls: tuple[Face, ...] = field(default=(), repr=False)
 
     @property
     def length(self) -> float:
@@ -260,15 +264,14 @@ def _around(body: Body, origin: Array, axis: Array, slack: float) -> Turned:
     sides = []
     for face in body.faces:
         first = face.first
-        tapers = first.kind in ("torus", "sphere") and len(face.rim) and _centred(face, origin, axis, slack)
-        if first.kind in ("cylinder", "cone") and _on_axis(first, origin, axis, slack) or tapers:
+        turned = _revolved(first, origin, axis, slack) if len(face.rim) else ""
+        if turned:
             t = (face.rim - origin) @ axis
-            cone = first.kind != "cylinder"
-            across = face.rim - origin - t[:, None] * axis
-            width = 2.0 * float(np.linalg.norm(across, axis=1).max() if cone else first.radius or 0.0)
-            stations.append(
-                Station(width, float(t.min()), float(t.max()), first.hollow, cone=cone, faces=(face,))
-            )
+            across = np.linalg.norm(face.rim - origin - t[:, None] * axis, axis=1)
+            width = 2.0 * (first.radius or float(across.max()))
+            hollow = first.hollow or bool(len(first.points) and _inwards(first, origin, axis))
+            cone = turned == "tapers"
+            stations.append(Station(width, float(t.min()), float(t.max()), hollow, cone=cone, faces=(face,)))
             share += face.area
         elif first.kind == "plane" and abs(float(first.normal @ axis)) > 1.0 - _PARALLEL:
             share += face.area
@@ -278,12 +281,33 @@ def _around(body: Body, origin: Array, axis: Array, slack: float) -> Turned:
     stations += hexagons
     share += sum(f.area for s in hexagons for f in s.faces)
     ordered = tuple(sorted(stations, key=lambda s: (s.low, s.high, s.width)))
-    return Turned(body, origin, axis, float(along.min()), float(along.max()), ordered, share / body.area)
+    walls = tuple(f for f in sides if float((f.centre - origin) @ f.first.normal) < 0.0)
+    low, high = float(along.min()), float(along.max())
+    return Turned(body, origin, axis, low, high, ordered, share / body.area, walls)
 
 
-def _centred(face: Face, origin: Array, axis: Array, slack: float) -> bool:
-    offset = face.centre - origin
-    return float(np.linalg.norm(offset - (offset @ axis) * axis)) < slack
+def _revolved(surface: Surface, origin: Array, axis: Array, slack: float) -> str:
+    """Whether a face is turned around an axis, which all of its normals meet: as "round", or it "tapers".
+
+    The normals of the flanks of a thread pass the axis by its lead over a turn: they are round as well.
+    """
+    if surface.kind in ("cylinder", "cone"):
+        return {"cylinder": "round", "cone": "tapers"}[surface.kind] * _on_axis(surface, origin, axis, slack)
+    if not len(surface.points):
+        return ""
+    offset = surface.points - origin
+    lever = np.abs(np.einsum("ij,ij->i", np.cross(offset, axis), surface.normals)).max()
+    if lever < slack:
+        return "tapers"
+    reach = np.linalg.norm(np.cross(offset, axis), axis=1).max()
+    return "round" if lever < SETTINGS.lead * reach else ""
+
+
+def _inwards(surface: Surface, origin: Array, axis: Array) -> bool:
+    """Whether its normals point to the axis, as in a hole."""
+    offset = surface.points - origin
+    across = offset - np.outer(offset @ axis, axis)
+    return float(np.einsum("ij,ij->", across, surface.normals)) < 0.0
 
 
 def _hexagons(sides: Sequence[Face], origin: Array, axis: Array) -> list[Station]:

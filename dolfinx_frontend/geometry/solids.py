@@ -22,8 +22,11 @@ __all__ = ["Cut", "Loaded", "Solid", "Surface", "box_of", "faces_of", "matching"
 ROUNDING = 1e-9
 """Distance, relative to the size of a face, that counts as rounding."""
 
-_SHARES = np.array([[0.1, 0.2], [0.4, 0.4], [0.7, 0.7], [0.95, 0.9]])
-"""Where a cylinder or cone is looked at, in the range of its parameters."""
+_SHARES = np.array([[u, v] for u in (0.05, 0.3, 0.6, 0.95) for v in (0.1, 0.4, 0.7, 0.9)])
+"""Where a round face is looked at, in the range of its parameters."""
+
+_FITTED = 1e-5
+"""By as much a spline may be off the plane, cylinder or cone that it is, relative: rounding of files."""
 
 POINTS_OF_EDGES = 5
 """Of each edge in a rim."""
@@ -87,6 +90,8 @@ class Surface:
         Whether the material is outside of the cylinder or cone, as around a hole.
     rim
         (k, 3), points of its edges, their ends among them.
+    points, normals
+        (k, 3), points and outward normals of a face that is no plane, cylinder or cone.
     """
 
     part: str
@@ -102,6 +107,8 @@ class Surface:
     origin: Array = field(default_factory=lambda: np.zeros(3), repr=False)
     hollow: bool = False
     rim: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    normals: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
 
     @property
     def shape(self) -> str:
@@ -222,8 +229,15 @@ def parameters_of(model: Any, surface: int) -> Array:
     return np.asarray(0.5 * (low + high))
 
 
-def outward(model: Any, volumes: Sequence[int], surface: int, at: Array) -> float:
-    """1 if the normal of the surface points out of the part, otherwise -1."""
+def outward(model: Any, volumes: Sequence[int], surface: int) -> float:
+    """1 if the normal of the surface points out of the part, otherwise -1.
+
+    gmsh's normal of a face points out of the first solid that it was read with: only of a shared one this is
+    not known.
+    """
+    if len(model.getAdjacencies(2, surface)[0]) == 1:
+        return 1.0
+    at = parameters_of(model, surface)
     x = np.asarray(model.getValue(2, surface, at.tolist()))
     n = np.asarray(model.getNormal(surface, at.tolist()))
     small = 1e-4 * math.sqrt(model.occ.getMass(2, surface))
@@ -232,51 +246,63 @@ def outward(model: Any, volumes: Sequence[int], surface: int, at: Array) -> floa
 
 
 def surface_of(model: Any, name: str, volumes: Sequence[int], tag: int) -> Surface:
-    """A face of a part, measured."""
+    """A face of a part, measured; a spline that is a plane, cylinder or cone is one."""
     occ = model.occ
     kind = str(model.getType(2, tag)).lower()
-    at = parameters_of(model, tag)
-    normal: Array = np.zeros(3)
-    axis: Array = np.zeros(3)
-    radius: float | None = None
-    if kind == "plane":
-        n = np.asarray(model.getNormal(tag, at.tolist()))
-        normal = unit(outward(model, volumes, tag, at) * n)
-    elif kind == "cylinder":
-        largest, smallest, across, along = model.getPrincipalCurvatures(tag, at.tolist())
-        curved = abs(largest[0]) > abs(smallest[0])
-        radius = 1.0 / max(abs(largest[0]), abs(smallest[0]))
-        axis = unit(np.asarray(along if curved else across))
-        axis = axis * (1.0 if axis[np.argmax(np.abs(axis))] > 0.0 else -1.0)
+    sign = outward(model, volumes, tag)
     low, high = box_of(occ, 2, tag)
     centre = np.asarray(occ.getCenterOfMass(2, tag))
-    found = Surface(name, tag, kind, float(occ.getMass(2, tag)), centre, low, high, normal, axis, radius)
-    if kind in ("cylinder", "cone"):
-        found = _around(model, found, outward(model, volumes, tag, at))
+    found = Surface(name, tag, kind, float(occ.getMass(2, tag)), centre, low, high, np.zeros(3), np.zeros(3))
+    if kind == "plane":
+        at = [0.0, 0.0]  # its normal is the same everywhere
+        found = replace(found, normal=unit(sign * np.asarray(model.getNormal(tag, at))))
+    else:
+        least, most = (np.asarray(v) for v in model.getParametrizationBounds(2, tag))
+        points = (least + _SHARES * (most - least)).ravel().tolist()
+        x = np.asarray(model.getValue(2, tag, points)).reshape(-1, 3)
+        n = sign * np.asarray(model.getNormal(tag, points)).reshape(-1, 3)
+        tried = {"cylinder": _as_cylinder, "cone": _as_cone}
+        ways = [tried[kind]] if kind in tried else [_as_plane, *tried.values()]
+        fits = (fit for way in ways if (fit := way(found, x, n)) is not None)
+        found = next(fits, replace(found, points=x, normals=n))
     return replace(found, rim=_rim(model, tag))
 
 
-def _around(model: Any, surface: Surface, sign: float) -> Surface:
-    """A cylinder or cone with its axis, and on which side of it the material is.
+def _as_plane(surface: Surface, x: Array, n: Array) -> Surface | None:
+    """All normals are one."""
+    flat = float(np.ptp(n, axis=0).max()) < _FITTED
+    flat = flat and float(np.ptp((x - x[0]) @ n[0])) < _FITTED * float(np.ptp(x, axis=0).max())
+    return replace(surface, kind="plane", normal=unit(n.mean(axis=0))) if flat else None
 
-    Normals of a cone make one angle with its axis, and its tangent planes meet in its apex; the normals of a
-    cylinder meet on its axis.
-    """
-    low, high = (np.asarray(v) for v in model.getParametrizationBounds(2, surface.tag))
-    at = (low + _SHARES * (high - low)).ravel().tolist()
-    x = np.asarray(model.getValue(2, surface.tag, at)).reshape(-1, 3)
-    n = sign * np.asarray(model.getNormal(surface.tag, at)).reshape(-1, 3)
-    if surface.kind == "cone":
-        axis = unit(np.cross(n[1] - n[0], n[2] - n[0]))
-        apex = np.linalg.solve(n[:3], np.einsum("ij,ij->i", n[:3], x[:3]))
-        across = x[0] - apex - ((x[0] - apex) @ axis) * axis
-        return replace(surface, axis=axis, origin=apex, hollow=bool(n[0] @ across < 0.0))
-    assert surface.radius is not None
-    middle = [x + way * surface.radius * n for way in (-1.0, 1.0)]
-    offset = [m - (m @ surface.axis)[:, None] * surface.axis for m in middle]
-    apart = [float(np.linalg.norm(o - o.mean(axis=0))) for o in offset]
-    hollow = apart[1] < apart[0]
-    return replace(surface, origin=middle[int(hollow)][0], hollow=hollow)
+
+def _as_cylinder(surface: Surface, x: Array, n: Array) -> Surface | None:
+    """All normals are across an axis, and meet on it."""
+    _, sizes, axes = np.linalg.svd(n)
+    if sizes[2] > _FITTED * sizes[0]:
+        return None
+    axis = axes[2] * (1.0 if axes[2][np.argmax(np.abs(axes[2]))] > 0.0 else -1.0)
+    across = x - np.outer((x - x[0]) @ axis, axis)
+    # the centre c of x = c + r n, where r is negative in a hole
+    middle, normal = across.mean(axis=0), n.mean(axis=0)
+    r = float(np.vdot(across - middle, n - normal) / np.vdot(n - normal, n - normal))
+    origin = middle - r * normal
+    if float(np.linalg.norm(across - origin - r * n, axis=1).max()) > _FITTED * abs(r):
+        return None
+    return replace(surface, kind="cylinder", axis=axis, radius=abs(r), origin=origin, hollow=r < 0.0)
+
+
+def _as_cone(surface: Surface, x: Array, n: Array) -> Surface | None:
+    """All normals make one angle with an axis, and all tangent planes meet in its apex."""
+    _, sizes, rows = np.linalg.svd(np.column_stack([n, np.ones(len(n))]))
+    length = float(np.linalg.norm(rows[3][:3]))
+    if sizes[3] > _FITTED * sizes[0] or not length:
+        return None
+    axis = rows[3][:3] / length
+    apex = np.linalg.lstsq(n, np.einsum("ij,ij->i", n, x), rcond=None)[0]
+    if float(np.abs(np.einsum("ij,ij->i", n, x - apex)).max()) > _FITTED * float(np.ptp(x, axis=0).max()):
+        return None
+    across = x[0] - apex - ((x[0] - apex) @ axis) * axis
+    return replace(surface, kind="cone", axis=axis, origin=apex, hollow=bool(n[0] @ across < 0.0))
 
 
 def _rim(model: Any, tag: int) -> Array:
@@ -291,9 +317,13 @@ def _rim(model: Any, tag: int) -> Array:
 
 def solids_of(model: Any, loaded: Loaded) -> dict[str, Solid]:
     """Every part of a loaded model with its faces."""
-    out = {}
+    out, known = {}, dict[int, Surface]()
     for name, tags in loaded.volumes.items():
-        surfaces = tuple(surface_of(model, name, tags, tag) for tag in sorted(faces_of(model, tags)))
+        surfaces = tuple(
+            _other_side(known[tag], name) if tag in known else surface_of(model, name, tags, tag)
+            for tag in sorted(faces_of(model, tags))
+        )
+        known |= {s.tag: s for s in surfaces}
         boxes = [box_of(model.occ, 3, tag) for tag in tags]
         out[name] = Solid(
             name,
@@ -304,6 +334,12 @@ def solids_of(model: Any, loaded: Loaded) -> dict[str, Solid]:
             surfaces,
         )
     return out
+
+
+def _other_side(surface: Surface, name: str) -> Surface:
+    """A face that two parts share, as the second one has it."""
+    hollow = surface.kind in ("cylinder", "cone") and not surface.hollow
+    return replace(surface, part=name, normal=-surface.normal, normals=-surface.normals, hollow=hollow)
 
 
 def nearest(

@@ -41,7 +41,7 @@ from dolfinx_frontend.geometry.exchange import check_begin
 from dolfinx_frontend.geometry.gmsh import assembled
 from dolfinx_frontend.geometry.meshing import FLAT, some
 from dolfinx_frontend.geometry.parts import Assembly, Connection, Part
-from dolfinx_frontend.geometry.proposal import Choice, clamped_by, section
+from dolfinx_frontend.geometry.proposal import Choice, clamped_by, room, section
 from dolfinx_frontend.geometry.reading import Recipe, Source, Survey
 from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.solids import Cut
@@ -226,7 +226,8 @@ class StepAssembly(StepParts):
         """
         choice = Choice(grade, tightening, checked_flag("proposal", "scatter", scatter))
         found = self.found
-        new = self._read_again([c for f in found.values() if f.part in self.solids and (c := section(f))])
+        cuts = [c for f in found.values() if f.part in self.solids and (c := section(f))]
+        new = self._read_again(cuts, room(found))
         new._overruled |= found
         of = {part: name for name in found for part in new._pieces(name)}
         for part, name in of.items():
@@ -264,12 +265,14 @@ class StepAssembly(StepParts):
         """A part, or the halves that it was cut into."""
         return [each for each in (name, f"{name}-", f"{name}+") if each in self.solids]
 
-    def _read_again(self, cuts: Sequence[Cut]) -> StepAssembly:
-        """The same file with more cuts, and with the names that its parts have now."""
+    def _read_again(self, cuts: Sequence[Cut], gap: float) -> StepAssembly:
+        """The same file with more cuts, at least this gap, and with the names that its parts have now."""
         call = made_by(self)
         assert call is not None
         given = dict(call.arguments)
         own = given.pop("cuts", ())
+        if gap > self.gap:
+            given["gap"] = gap
         of_file = {name: body.label for name, body in self._recognised[0].items()}
         more = [replace(cut, parts=of_file[cut.parts]) for cut in cuts]
         new = read_step(**{**given, "cuts": (*((own,) if isinstance(own, Cut) else own), *more)})

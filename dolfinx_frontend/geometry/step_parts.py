@@ -337,6 +337,10 @@ class StepParts:
         """A part is a bolt or stud, whatever it was taken for; `size` is its thread, ``"M12"``."""
         self.is_a(part, "bolt", size)
 
+    def is_gasket(self, part: str) -> None:
+        """A part is a gasket, whatever it was taken for; its material is proposed as soft."""
+        self.is_a(part, "gasket")
+
     def is_a(self, part: str, kind: str, size: str | None = None) -> None:
         """A part is of a kind ("bolt", "stud", "nut", "washer", "dowel", "gasket", "sheet").
 
@@ -351,6 +355,7 @@ class StepParts:
         if kind not in KINDS:
             raise unknown_name("kind of part", kind, KINDS, f"is_a {part!r}")
         found = forced(known, part, kind, None if size is None else size_of(size, f"is_{kind} {part!r}"))
+        found = replace(found, between=self._recognised[1][part].between)
         if found.shank is None and kind in ("bolt", "stud", "dowel"):
             raise SceneError(f"{part!r} cannot be a {kind}: it has no round shank; name another part")
         self._overruled[part] = found
@@ -369,16 +374,13 @@ class StepParts:
     @property
     def misfits(self) -> list[str]:
         """Sentences that say what does not fit, and what may be done about it."""
-        return misfits(self.found, self.touches.values(), self._close)
+        told = {n: replace(f, missing="") for n, f in self.found.items() if f.kind and n in self._bodies}
+        return misfits({**self.found, **told}, self.touches.values(), self._close)
 
     @cached_property
     def _recognised(self) -> tuple[dict[str, Body], dict[str, Finding]]:
         whole = bodies(self.solids, self.touches.values())
         return whole, recognised(whole, self.touches.values())
-
-    def take(self, found: Mapping[str, Finding]) -> None:
-        """Parts are what another reading of the file has found."""
-        self._overruled |= found
 
     # -- what the user sees ----------------------------------------------------------------------
     @property

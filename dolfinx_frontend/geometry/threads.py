@@ -1,23 +1,25 @@
-"""Metric threads and what goes with them: sizes of ISO, preloads and scatter of VDI 2230.
+"""Threads and what goes with them: sizes of ISO and ASME, preloads and scatter of VDI 2230.
 
 Sizes in mm: ISO 261 and 262 (coarse pitch), ISO 4014 (hexagon head), ISO 4762 (socket head), ISO 4032 (nut),
-ISO 7089 (washer), ISO 273 (clearance holes). Preload, friction and scatter: VDI 2230 part 1 (2015), the table
+ISO 7089 (washer), ISO 273 (clearance holes); of inches ASME B1.1, B18.2.1, B18.3, B18.2.2, B18.21.1 (SAE) and
+B18.2.8. Preload, friction and scatter: VDI 2230 part 1 (2015), the table
 of assembly preloads at 90 % of the yield point (A1), friction classes (A5, A6), tightening factors (A8).
 """
 
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import NamedTuple
 
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
-__all__ = ["GRADES", "HEAD", "JOINT", "SIZES", "TIGHTENING", "Size", "Span", "nearest_size", "preload",
-           "size_of"]
+__all__ = ["GRADES", "HEAD", "INCHES", "JOINT", "SIZES", "TIGHTENING", "Size", "Span", "nearest_size",
+           "preload", "size_of"]
 
 
 class Size(NamedTuple):
-    """A metric thread, mm.
+    """A thread, mm.
 
     Attributes
     ----------
@@ -31,6 +33,8 @@ class Size(NamedTuple):
         Inner and outer diameter and thickness of the washer.
     holes
         Diameters of clearance holes: fine, medium, coarse.
+    unified
+        Name of a thread of inches; empty: it is metric.
     """
 
     d: float
@@ -41,11 +45,12 @@ class Size(NamedTuple):
     socket: float
     washer: tuple[float, float, float]
     holes: tuple[float, float, float]
+    unified: str = ""
 
     @property
     def name(self) -> str:
-        """``"M12"``."""
-        return f"M{self.d:g}"
+        """``"M12"``, ``"3/8-16 UNC"``."""
+        return self.unified or f"M{self.d:g}"
 
     @property
     def pitch_diameter(self) -> float:
@@ -64,7 +69,9 @@ class Size(NamedTuple):
 
     @property
     def stressed_diameter(self) -> float:
-        """Of the stress area, (d2 + d3) / 2."""
+        """Of the stress area: (d2 + d3) / 2, of inches d - 0.9743 p (ASME B1.1)."""
+        if self.unified:
+            return self.d - 0.9743 * self.pitch
         return 0.5 * (self.pitch_diameter + self.core_diameter)
 
 
@@ -98,6 +105,44 @@ SIZES: dict[str, Size] = {
         Size(64, 6, 95, 40, 51, 96, (70, 115, 10), (66, 70, 74)),
     )
 }
+
+_INCHES = """
+1/4   20 28 28  10 14  40 18   17 18 19     5/16  18 24 32  13 17  44 22    21 22 23
+3/8   16 24 36  15 21  52 26   25 26 27     7/16  14 20 40  18 24  59 30    29 30 31
+1/2   13 20 48  20 28  68 34   34 36 39     5/8   11 18 60  25 35  84 42    42 44 47
+3/4   10 16 72  30 41  94 52   50 52 58     7/8   9  14 84  35 48  112 60   58 60 66
+1     8  12 96  39 55  128 68  66 70 74     1-1/8 7  12 108 44 62  144 80   74 78 84
+1-1/4 7  12 120 50 68  160 88  82 86 92     1-3/8 6  12 132 54 75  176 96   90 96 103
+1-1/2 6  12 144 60 82  192 104 98 104 111
+"""
+"""Name, threads per inch UNC and UNF, then in inches / 64: width across flats, height of head and nut, washer
+(outer and inner diameter), holes (close, normal, loose)."""
+
+_SAE = {0.5: 0.065, 0.7: 0.095, 1.2: 0.134, 2.0: 0.165}
+"""Thickness of washers up to a nominal diameter, inches; 1/2 itself has that of 5/8."""
+
+
+def _inches() -> dict[str, Size]:
+    """Sizes of inches; UNC of each diameter before UNF."""
+    out, words = dict[str, Size](), _INCHES.split()
+    for row in (words[k : k + 11] for k in range(0, len(words), 11)):
+        whole, _, rest = row[0].rpartition("-")
+        d = float(whole or 0) + float(Fraction(rest))
+        flats, head, nut, outer, inner, *holes = (25.4 / 64.0 * float(each) for each in row[3:])
+        thick = 25.4 * next(t for most, t in _SAE.items() if d < most)
+        for turns, series in ((row[1], "UNC"), (row[2], "UNF")):
+            name, of_holes = f"{row[0]}-{turns} {series}", (holes[0], holes[1], holes[2])
+            each = Size(25.4 * d, 25.4 / float(turns), flats, head, nut, 38.1 * d, (inner, outer, thick),
+                        of_holes, name)
+            out[each.name] = each
+    return out
+
+
+INCHES = _inches()
+
+_EXACT = 2e-3
+"""By as much a diameter and a width may be off those of a thread of inches, relative: metric sizes are within
+1 % of some of them, so that only what is drawn exactly is one."""
 
 _SECOND = ("M14", "M18", "M22", "M27", "M33", "M39", "M45", "M52", "M60")
 """Sizes of the second choice of ISO 261: what is between two sizes is rather of the first."""
@@ -154,9 +199,10 @@ def size_of(name: str, where: str = "") -> Size:
     SceneError
         There is none; with near ones.
     """
-    found = SIZES.get(name.strip().upper()) if isinstance(name, str) else None
+    known = {**SIZES, **INCHES}
+    found = known.get(name.strip().upper()) if isinstance(name, str) else None
     if found is None:
-        raise unknown_name("size", name, SIZES, where)
+        raise unknown_name("size", name, known, where)
     return found
 
 
@@ -181,6 +227,10 @@ def nearest_size(d: float, width: float | None = None, socket: bool = False) -> 
         head = abs(math.log(width / (size.socket if socket else size.across)))
         return rare * (head + min(abs(math.log(d / size.d)), inner + _INNER))
 
+    for size in INCHES.values() if width is not None else ():
+        wide = size.socket if socket else size.across
+        if max(abs(d / size.d - 1.0), abs((width or 0.0) / wide - 1.0)) < _EXACT:
+            return size
     near = min(SIZES.values(), key=off)
     return near if off(near) <= _OFF * (1 if width is None else 2) else None
 

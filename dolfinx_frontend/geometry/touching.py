@@ -24,7 +24,6 @@ from dolfinx_frontend.geometry.solids import (
     near_pairs,
     nearest,
     outward,
-    parameters_of,
     vector,
 )
 
@@ -34,6 +33,10 @@ Kind = Literal["touching", "near", "cut", "thread"]
 
 _OPPOSED = -0.5
 """Two faces face each other where the product of their outward normals is below this."""
+
+_WEDGE = -0.98
+"""Faces whose angle is the same everywhere, planes, cylinders and cones of one axis, meet in an edge only
+where the product of their normals is above this: within the gap they are a strip five gaps wide."""
 
 _PARALLEL = 1e-6
 """Sine of the angle of two axes that are parallel."""
@@ -281,10 +284,11 @@ def _may_face(first: Surface, second: Surface, gap: float) -> bool:
         return False
     if not _reaches(first, second, r2, gap) or not _reaches(second, first, r1, gap):
         return False
+    if (product := _product(first, second)) is not None and product > _WEDGE:
+        return False
     small = 1e-9 * (1.0 + float(np.abs(first.centre).max()))
     if kinds == ("plane", "plane"):
-        opposed = float(first.normal @ second.normal) < _OPPOSED
-        return opposed and _within(first, second, gap) and _within(second, first, gap)
+        return _within(first, second, gap) and _within(second, first, gap)
     if kinds == ("cylinder", "cylinder"):
         assert first.radius is not None and second.radius is not None
         if np.linalg.norm(np.cross(first.axis, second.axis)) > _PARALLEL:
@@ -295,13 +299,52 @@ def _may_face(first: Surface, second: Surface, gap: float) -> bool:
             # a shaft in a hole that is wider, wherever in it
             room = (first.radius - second.radius) * (1.0 if first.hollow else -1.0)
             return abs(room) - apart <= gap + small
-        return first.hollow or abs(apart - first.radius - second.radius) <= gap + small
+        return abs(apart - first.radius - second.radius) <= gap + small
     if set(kinds) == {"plane", "cylinder"}:
         plane, round_ = (first, second) if first.kind == "plane" else (second, first)
         along = float(plane.normal @ round_.axis)
         # normals of a cylinder are across its axis
         return math.sqrt(max(0.0, 1.0 - along**2)) > -_OPPOSED and _within(plane, round_, gap)
     return True
+
+
+def _product(first: Surface, second: Surface) -> float | None:
+    """Of the outward normals of planes, cylinders and cones of one axis, where they face; None: of others."""
+    if first.kind == second.kind == "plane":
+        return float(first.normal @ second.normal)
+    axis = first.axis if second.kind == "plane" else second.axis
+    leans = [_lean(s, axis) for s in (first, second)]
+    if None in leans or not axis.any():
+        return None
+    (a, r), (b, s) = (lean for lean in leans if lean is not None)
+    offset = second.origin - first.origin
+    apart = float(np.linalg.norm(offset - (offset @ axis) * axis)) if r and s else 0.0
+    coaxial = apart <= _PARALLEL * (1.0 + float(np.abs(offset).max()))
+    return a * b + (r * s if coaxial else -abs(r * s))
+
+
+def _lean(surface: Surface, axis: Array) -> tuple[float, float] | None:
+    """The parts of a normal along an axis and away from it, where they are the same everywhere."""
+    if surface.kind not in _WITHIN_RIMS:
+        return None
+    own = surface.normal if surface.kind == "plane" else surface.axis
+    along = float(own @ axis)
+    if abs(along) < 1.0 - _PARALLEL:
+        return None
+    if surface.kind == "plane":
+        return along, 0.0
+    out = -1.0 if surface.hollow else 1.0
+    if surface.kind == "cylinder":
+        return 0.0, out
+    far, wide = _ray(surface)
+    return -out * math.copysign(wide, far) * along, out * abs(far)
+
+
+def _ray(cone: Surface) -> Array:
+    """How far along its axis and away from it a cone goes: its origin is its apex, its rim says the angle."""
+    t = (cone.rim - cone.origin) @ cone.axis
+    across = np.linalg.norm(cone.rim - cone.origin - np.outer(t, cone.axis), axis=1)
+    return unit(np.array([t.sum(), across.sum()]))
 
 
 def _within(first: Surface, second: Surface, gap: float) -> bool:
@@ -326,6 +369,7 @@ def _triangulate(gmsh: Any, solids: Mapping[str, Solid], tags: Sequence[int]) ->
     high = np.max([s.high for s in solids.values()], axis=0)
     options = {
         "Mesh.MeshOnlyVisible": 1.0,
+        "Mesh.Algorithm": 5.0,  # Delaunay, the fastest
         "Mesh.MeshSizeFromCurvature": 32.0,
         "Mesh.MeshSizeMax": float(np.linalg.norm(high - low)) / 30.0,
     }
@@ -420,10 +464,8 @@ def _on(model: Any, loaded: Loaded, surface: Surface, x: Array) -> tuple[Array, 
         foot = surface.origin + np.outer(along, surface.axis)
         out = (x - foot) / np.maximum(np.linalg.norm(x - foot, axis=1), np.finfo(np.float64).tiny)[:, None]
         closest = foot + (surface.radius or 0.0) * out
-        if surface.kind == "cone":  # the origin is its apex, and its rim says how wide it opens
-            t = (surface.rim - surface.origin) @ surface.axis
-            across = np.linalg.norm(surface.rim - surface.origin - np.outer(t, surface.axis), axis=1)
-            ray = unit(np.array([t.sum(), across.sum()]))
+        if surface.kind == "cone":
+            ray = _ray(surface)
             edge = ray[0] * surface.axis + ray[1] * out
             closest = surface.origin + np.einsum("ki,ki->k", x - surface.origin, edge)[:, None] * edge
             out = abs(ray[0]) * out - np.sign(ray[0]) * ray[1] * surface.axis
@@ -433,7 +475,7 @@ def _on(model: Any, loaded: Loaded, surface: Surface, x: Array) -> tuple[Array, 
     at = model.getParametrization(2, surface.tag, closest)
     normals = np.asarray(model.getNormal(surface.tag, at)).reshape(-1, 3)
     volumes = loaded.volumes[surface.part]
-    sign = outward(model, volumes, surface.tag, parameters_of(model, surface.tag))
+    sign = outward(model, volumes, surface.tag)
     return np.asarray(closest).reshape(-1, 3), sign * normals
 
 

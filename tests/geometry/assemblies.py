@@ -70,12 +70,13 @@ class Part:
 
 @dataclass
 class Assembly:
-    """Parts, and how they are written: `unit` of the file, turned around an axis, and mirrored."""
+    """Parts, and how they are written: `unit` of the file, turned around an axis, mirrored, as splines."""
 
     d: float
     parts: list[Part] = field(default_factory=list)
     unit: str = "mm"
     turn: tuple[float, tuple[float, ...], bool] = (0.0, (0.0, 0.0, 1.0), False)
+    splines: bool = False
 
 
 def cylinder(occ: Any, x: float, y: float, low: float, high: float, d: float) -> tuple[int, int]:
@@ -434,6 +435,8 @@ def write(assembly: Assembly, path: Path) -> Path:
             left = [each for each in gmsh.model.occ.getEntities(3) if each[1] not in tags]
             gmsh.model.occ.remove(left, recursive=True)  # what a fuse has left of its tools
         solids = [(3, t) for t in tags]
+        if assembly.splines:  # an affine map makes splines of all faces: here a mirror
+            gmsh.model.occ.affineTransform(solids, [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1])
         gmsh.model.occ.rotate(solids, 0, 0, 0, *axis, angle)
         gmsh.model.occ.synchronize()
         order = [tag for _, tag in gmsh.model.occ.getEntities(3)]
@@ -442,7 +445,8 @@ def write(assembly: Assembly, path: Path) -> Path:
     text = path.read_text(encoding="latin-1")
     pattern = re.compile(r"PRODUCT\('Open CASCADE STEP translator [\d.]+ \d+\.(\d+)',\s*'[^']*'")
     plain = [n.encode("ascii", "ignore").decode() for n in names]
-    text = pattern.sub(lambda m: "PRODUCT('{0}','{0}'".format(plain[int(m[1]) - 1]), text)
+    quoted = [n.replace("'", "''") for n in plain]  # as ISO 10303-21 has it
+    text = pattern.sub(lambda m: "PRODUCT('{0}','{0}'".format(quoted[int(m[1]) - 1]), text)
     millimetre = r"\( LENGTH_UNIT\(\) NAMED_UNIT\(\*\) SI_UNIT\(\.MILLI\.,\.METRE\.\) \)"
     if assembly.unit == "m":
         text = re.sub(millimetre, "( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT($,.METRE.) )", text)

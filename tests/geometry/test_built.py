@@ -12,6 +12,7 @@ import pytest
 
 import dolfinx_frontend as lf
 from dolfinx_frontend.geometry.step import StepAssembly
+from dolfinx_frontend.geometry.threads import INCHES
 from tests.geometry.assemblies import cut, cylinder, fuse, hexagon
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demos"))
@@ -97,13 +98,23 @@ def inches(occ: Any) -> Solids:
     return out
 
 
-def test_threads_of_inches_are_found_and_said(read: Any) -> None:
+def test_threads_of_inches(read: Any) -> None:
     step = read(inches)
-    assert [f.kind for f in step.found.values()] == ["", "", "washer", "bolt", "nut"]
-    (said,) = step.misfits
-    assert said.startswith("'HHCS-375-16' has 9.525 mm, which is taken for M10: threads of inches are not in")
+    titles = ["", "", "washer 3/8-16 UNC", "bolt 3/8-16 UNC", "nut 3/8-16 UNC"]
+    assert [f.title for f in step.found.values()] == titles and not step.misfits
     thread = step.touches["HHCS-375-16|HN-375-16"]
     assert thread.kind == "thread" and math.isclose(thread.gap, -0.5 * (0.375 - 0.3125) * 25.4)
+    step.is_bolt("HHCS-375-16", "3/8-24 UNF")
+    assert "3/8-24 UNF, class 8.8" in step.proposal().why["join", "HHCS-375-16-|HHCS-375-16+"]
+
+
+def test_stress_areas_of_inches() -> None:
+    """ASME B1.1, square inches."""
+    areas = {"1/4-20 UNC": 0.0318, "3/8-24 UNF": 0.0878, "1/2-13 UNC": 0.1419, "1-8 UNC": 0.606,
+             "1-1/2-12 UNF": 1.581}
+    for name, area in areas.items():
+        own = 0.25 * math.pi * (INCHES[name].stressed_diameter / 25.4) ** 2
+        assert math.isclose(own, area, abs_tol=6e-4 * max(1.0, area / 0.6))
 
 
 def pad(occ: Any) -> Solids:

@@ -51,7 +51,7 @@ def test_the_nearest_face(plate: Path) -> None:
     step = lf.read_step(plate)
     step.face("lug:eye", near=(45, 15, 5), where=lambda s: s.kind == "cylinder")
     step.face("lug:end", near=(-9, 15, 5))
-    radii = {face: {s.radius for s in step.solids["lug"].surfaces if s.tag in tags}
+    radii = {face: {s.radius and round(s.radius, 9) for s in step.solids["lug"].surfaces if s.tag in tags}
              for (_, face), tags in step._named.items()}
     assert radii == {"eye": {6.0}, "end": {None}}
 

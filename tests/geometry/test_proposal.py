@@ -144,11 +144,35 @@ def mount(occ: Any) -> dict[str, int]:
     return {f"P{k}": int(tag) for k, tag in enumerate(solids)}
 
 
+def test_a_sheet_has_the_joints_of_a_gasket(tmp_path: Path) -> None:
+    """No shape tells a material: it is asked for, and all else is proposed as with a name."""
+    def joints(step: StepAssembly) -> dict[str, Any]:
+        made = step.proposal()
+        laws = {n: j.law if j else None for n, j in made._joins.items()}
+        frictions = {n: law.friction for n, law in laws.items() if isinstance(law, lf.Contact)}
+        return {n: (type(law), getattr(frictions.get(n), "mean", None)) for n, law in laws.items()}
+
+    step = lf.read_step(write_step(tmp_path / "mount.step", mount))
+    found = step.found["P1"]
+    assert found.kind == "sheet" and found.between == ("P0", "P2")
+    (said,) = step.misfits
+    assert said.startswith("'P1' is a thin sheet between two parts, and no shape tells its material: give")
+    as_sheet = joints(step)
+    assert "a gasket has some 1 GPa" in step.proposal().why["material", "P1"]
+    step.is_gasket("P1")
+    assert not step.misfits and joints(step) == as_sheet
+    step.is_not("P1")
+    other = lf.read_step(tmp_path / "mount.step")
+    other.material("P1", lf.LinearElastic(E=70e3, nu=0.33))
+    assert not other.misfits
+
+
 @pytest.mark.night(guard="test_bracket_runs_and_is_in_balance")
 def test_a_gasket_under_a_side_load_is_in_balance(tmp_path: Path) -> None:
     step = lf.read_step(write_step(tmp_path / "mount.step", mount))
     titles = [f.title for f in step.found.values()]
-    assert titles == ["", "gasket", "", "bolt M10", "nut M10", "bolt M10", "nut M10"]
+    assert titles == ["", "sheet", "", "bolt M10", "nut M10", "bolt M10", "nut M10"]
+    step.is_gasket("P1")
     step.size("*", 25.0)
     step.face("P0:ends", where=lambda s: abs(abs(s.centre[0]) - 50.0) < 1e-6)
     step.face("P2:wall", normal=(-1, 0, 0), at=(-6, None, None))
@@ -226,3 +250,6 @@ def test_a_screw_at_its_core_is_in_its_thread(tmp_path: Path) -> None:
     step = lf.read_step(write_step(tmp_path / "core.step", build))
     found = step.found["screw"]
     assert found.title == "bolt M10" and [p.fits for p in found.passages] == [True, False]
+    made = step.proposal()  # reads it again with a gap in which the thread is seen
+    tied = {n for n, j in made._joins.items() if j is not None and isinstance(j.law, lf.Perfect)}
+    assert tied == {"screw+|block"} and math.isclose(made.touches["screw+|block"].gap, 0.17, rel_tol=1e-3)

@@ -8,15 +8,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dolfinx_frontend import read_step
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.naming import named_kind, named_size
-from dolfinx_frontend.geometry.solids import Cut
+from dolfinx_frontend.geometry.shapes import _revolved
+from dolfinx_frontend.geometry.solids import Cut, Surface
 from dolfinx_frontend.geometry.step import StepAssembly
 from dolfinx_frontend.geometry.threads import HEAD, JOINT, SIZES, nearest_size, preload
-from tests.geometry.assemblies import made, write
+from tests.geometry.assemblies import hexagon, made, write
 from tests.geometry.judging import judged
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demos"))
@@ -169,6 +171,87 @@ def test_a_name_makes_no_bolt_of_a_plate(tmp_path: Path) -> None:
     assert not any(f.kind for f in found.values())
 
 
+def joint(occ: Any, mirrored: bool) -> dict[str, int]:
+    """A hexagon bolt with a chamfered head through two plates, a nut, a countersunk hole; perhaps splines."""
+    tools = [pin(occ, -1, 41, 11), (3, occ.addCone(0, 0, 0, 0, 0, 3, 8.5, 5.5))]
+    solids = {"a": cut(occ, block(occ, 0, 20), *tools)}
+    solids["b"] = cut(occ, block(occ, 20, 40), pin(occ, 19, 41, 11))
+    limit = (3, occ.addCone(0, 0, 40, 0, 0, 6.4, 7.6 + 1.732 * 6.4, 7.6))
+    head = occ.intersect([hexagon(occ, 0, 0, 40, 46.4, 16.0, 0.2)], [limit])[0]
+    solids["c"] = occ.fuse(head, [pin(occ, -12, 40, 10)])[0][0][1]
+    solids["d"] = cut(occ, hexagon(occ, 0, 0, -8.4, 0, 16.0, 0.5), pin(occ, -20, 1, 10))
+    if mirrored:
+        across = [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+        occ.affineTransform([(3, tag) for tag in solids.values()], across)
+    return solids
+
+
+def test_splines_are_the_planes_cylinders_and_cones_that_they_draw(tmp_path: Path) -> None:
+    """An affine map makes splines of all faces; files of some programs have nothing else."""
+    plain, mirrored = (
+        made_step(tmp_path / f"{way}.step", lambda occ, way=way: joint(occ, way)) for way in (False, True)
+    )
+    assert "B_SPLINE_SURFACE" in (tmp_path / "True.step").read_text(encoding="latin-1")
+    assert [f.title for f in mirrored.found.values()] == ["", "", "bolt M10", "nut M10"]
+    assert plain.found["c"].reasons == mirrored.found["c"].reasons
+    for name, solid in plain.solids.items():
+        shapes = [
+            sorted((s.kind, s.hollow, round(s.radius or 0.0, 5)) for s in each.surfaces)
+            for each in (solid, mirrored.solids[name])
+        ]
+        assert shapes[0] == shapes[1]
+
+
+def test_a_chamfer_makes_no_interface(tmp_path: Path) -> None:
+    """It meets the face beside in an edge: within any gap there is a strip, however narrow."""
+    step = made_step(tmp_path / "joint.step", lambda occ: joint(occ, False))
+    assert set(step.touches) == {"a|b", "a|d", "b|c", "c|d"}
+    cone = next(s for s in step.solids["a"].surfaces if s.kind == "cone")
+    assert cone.hollow and math.isclose(abs(cone.axis[2]), 1.0)
+    assert np.allclose(cone.origin, [0.0, 0.0, 8.5])
+
+
+def test_flanks_of_a_thread_are_around_its_axis() -> None:
+    """Normals of a helicoid with flanks of 30 degrees pass the axis by the lead over a turn."""
+    turns, r = (a.ravel() for a in np.meshgrid(np.linspace(0, 6, 9), np.linspace(2.4, 3.0, 4)))
+    x, y, slope = np.cos(turns), np.sin(turns), 1.0 / math.sqrt(3.0)
+    points = np.stack([r * x, r * y, turns / (2 * math.pi) - r * slope], axis=1)
+    out = np.stack([x, y, 0.0 * r - slope], axis=1)
+    along = np.stack([-r * y, r * x, 0.0 * r + 0.5 / math.pi], axis=1)
+    normals = np.cross(out, along)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    z = np.array([0.0, 0.0, 1.0])
+    face = Surface("a", 1, "bspline surface", 1.0, z, z, z, z, z, points=points, normals=normals)
+    assert _revolved(face, np.zeros(3), z, 1e-3) == "round"
+    assert _revolved(face, np.array([1.0, 0.0, 0.0]), z, 1e-3) == ""
+
+
+def test_a_slotted_screw_and_a_collar_that_is_no_washer(tmp_path: Path) -> None:
+    def build(occ: Any) -> dict[str, int]:
+        house = cut(occ, block(occ, 0, 20), pin(occ, -1, 21, 20), pin(occ, 5, 20, 8, 22))
+        lid = cut(occ, block(occ, 20, 26), pin(occ, 19, 27, 20), pin(occ, 19, 27, 9, 22))
+        screw = occ.fuse([pin(occ, 26, 31, 13, 22)], [pin(occ, 8, 26, 8, 22)])[0][0]
+        screw = cut(occ, screw, (3, occ.addBox(10, -1, 28.5, 30, 2, 5)))
+        collar = cut(occ, pin(occ, 40, 46, 32), pin(occ, 39, 47, 20))
+        return {"a": house, "b": lid, "c": screw, "shaft": pin(occ, -40, 60, 20)[1], "e": collar}
+
+    found = made_step(tmp_path / "shaft.step", build).found
+    assert [f.title for f in found.values()] == ["", "", "bolt M8", "", ""]
+    assert "recess head" in found["c"].reasons[0] + found["c"].reasons[1]
+
+
+def test_a_square_nut_is_one_by_its_name(tmp_path: Path) -> None:
+    def build(occ: Any) -> dict[str, int]:
+        nut = cut(occ, (3, occ.addBox(-8, -8, -6, 16, 16, 6)), pin(occ, -7, 1, 10))
+        house = cut(occ, block(occ, -30, -6), pin(occ, -31, -5, 10))
+        plate = cut(occ, block(occ, 0, 20), pin(occ, -1, 21, 11))
+        return {"Vierkantmutter": nut, "nut housing": house, "plate": plate,
+                "bolt": occ.fuse([pin(occ, -20, 20, 10)], [pin(occ, 20, 26, 16)])[0][0][1]}
+
+    found = made_step(tmp_path / "square.step", build).found
+    assert [f.title for f in found.values()] == ["nut M10", "", "", "bolt M10"]
+
+
 def test_dowels_gaskets_and_sheets(tmp_path: Path) -> None:
     def build(occ: Any) -> dict[str, int]:
         lower = cut(occ, block(occ, 0, 20), pin(occ, 5, 20, 6), pin(occ, 5, 20, 6, 15))
@@ -181,9 +264,13 @@ def test_dowels_gaskets_and_sheets(tmp_path: Path) -> None:
             "g": block(occ, 60, 61)[1],
         }
 
-    found = made_step(tmp_path / "flat.step", build).found
+    step = made_step(tmp_path / "flat.step", build)
+    found = step.found
+    assert found["c"].between == ("b", "d") and not found["g"].between
+    step.rename({"b": "house", "c": "seal"})
+    assert set(step.found["seal"].between) == {"house", "d"}
     assert {n: f.kind for n, f in found.items()} == {
-        "a": "", "b": "", "c": "gasket", "d": "", "e": "dowel", "f": "dowel", "g": "sheet"
+        "a": "", "b": "", "c": "sheet", "d": "", "e": "dowel", "f": "dowel", "g": "sheet"
     }
 
 
