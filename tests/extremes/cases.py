@@ -114,6 +114,7 @@ class Case:
         """Run it."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
+            warnings.filterwarnings("ignore", "beyond the model")  # loads and moduli are extreme here
             try:
                 result, error, bound = self.run()
             except SceneError as refusal:

@@ -35,7 +35,8 @@ from dolfinx_frontend.common import interrupts
 from dolfinx_frontend.solving import sample
 
 MAIN = """
-import sys, time
+import sys, time, warnings
+warnings.filterwarnings("ignore", "beyond the model")
 import dolfinx_frontend as lf
 from dolfinx_frontend.common.interrupts import TWICE
 
