@@ -111,7 +111,11 @@ def _unit(problem: Problem, part: str, size: float) -> str:
     if soft <= modulus <= stiff and size < LIMITS.metres:
         return f"E in MPa with a mesh in m? Then E is {modulus * LIMITS.units:.3g} (N, m, Pa)"
     if modulus < soft * stiff / LIMITS.units:
-        return "E in GPa with a mesh in mm? Then E is 1000 times as large (N, mm, MPa)"
+        in_mm = 1000.0 * modulus
+        return (
+            f"E in GPa? Then E is {in_mm:.3g} with a mesh in mm (N, mm, MPa), "
+            f"{in_mm * LIMITS.units:.3g} with one in m (N, m, Pa)"
+        )
     return ""
 
 

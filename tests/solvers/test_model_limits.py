@@ -54,7 +54,7 @@ def test_a_displacement_of_five_per_cent_is_said() -> None:
 
 @pytest.mark.parametrize(
     ("s", "E", "unit"),
-    [(1e-3, 210e3, "E in MPa with a mesh in m?"), (1.0, 0.21, "E in GPa with a mesh in mm?")],
+    [(1e-3, 210e3, "E in MPa with a mesh in m?"), (1.0, 0.21, "E in GPa? Then E is 210 with a mesh in mm")],
 )
 def test_a_mistake_of_units_is_named_and_nothing_else(s: float, E: float, unit: str) -> None:
     """A stress of 210 MPa in the other unit: a strain of 1e-3 becomes one of 1e3 and 1e3."""
