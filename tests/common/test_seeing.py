@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import subprocess
 import sys
 import time
@@ -33,14 +34,14 @@ def test_a_phase_without_a_bar_is_told_in_the_log(
     with caplog.at_level(logging.INFO, "dolfinx_frontend"), Bar(3, "sweep") as bar:
         bar.step()
         with Bar(1, "factorise"):
-            until = time.monotonic() + 5.0
+            until = time.monotonic() + 60.0
             while not caplog.messages and time.monotonic() < until:
                 time.sleep(0.01)
         count = len(caplog.messages)
         while len(caplog.messages) < count + 2 and time.monotonic() < until:
             time.sleep(0.01)
-    assert caplog.messages[0] == "factorise: 0 s"
-    assert caplog.messages[-1] == "sweep: point 1 of 3, 0 s"
+    assert re.fullmatch(r"factorise: \d+ s", caplog.messages[0])
+    assert re.fullmatch(r"sweep: point 1 of 3, \d+ s", caplog.messages[-1])
 
 
 def test_nothing_is_told_to_who_does_not_ask(caplog: pytest.LogCaptureFixture) -> None:
