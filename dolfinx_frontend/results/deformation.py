@@ -12,6 +12,7 @@ from dolfinx_frontend.assembly.elements import coordinate_element, tabulate
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.compat import cell_nodes
+from dolfinx_frontend.common.model_limits import LIMITS
 
 __all__ = ["Deformation", "Largest", "deformations"]
 
@@ -67,8 +68,8 @@ def deformations(part: Substructure, unknowns: Array, known: Flags) -> Deformati
     volumes = np.abs(np.linalg.det(by_cells))
     strain, rotation = Largest(0.0, 0, displacement.place), Largest(0.0, 0, displacement.place)
     for k, u_k in zip(steps, u, strict=True):
-        gradient = np.einsum("cnj,cin->cij", u_k[cells], slopes)
-        size, turned = _sizes(gradient, d)
+        gradient = slopes @ u_k[cells]
+        size, turned = _sizes(gradient)
         if part.around:  # around the axis
             radius = np.maximum(places[:, 0], 1e-300)
             size = np.maximum(size, np.abs(u_k[cells][:, :, 0] @ values) / radius)
@@ -77,11 +78,17 @@ def deformations(part: Substructure, unknowns: Array, known: Flags) -> Deformati
     return Deformation(displacement, strain, rotation)
 
 
-def _sizes(gradient: Array, d: int) -> tuple[Array, Array]:
-    """Largest principal strains, and rotations in radians, (cells,) each, of gradients (cells, d, d)."""
-    turned = gradient - np.swapaxes(gradient, 1, 2)
-    strains = np.linalg.eigvalsh(0.5 * (gradient + np.swapaxes(gradient, 1, 2)))
-    return np.abs(strains).max(axis=1), np.sqrt(np.sum(turned**2, axis=(1, 2)) / 8.0)
+def _sizes(gradient: Array) -> tuple[Array, Array]:
+    """Largest principal strains, and rotations in radians, (cells,) each, of gradients (cells, d, d).
+
+    Where their norm is below the limit, it is taken for them.
+    """
+    other = np.swapaxes(gradient, 1, 2)
+    squares, crossed = np.sum(gradient**2, axis=(1, 2)), np.sum(gradient * other, axis=(1, 2))
+    strains = np.sqrt(np.maximum(squares + crossed, 0.0) / 2.0)
+    large = strains > LIMITS.strain
+    strains[large] = np.abs(np.linalg.eigvalsh(0.5 * (gradient + other)[large])).max(axis=1, initial=0.0)
+    return strains, np.sqrt(np.maximum(squares - crossed, 0.0) / 4.0)
 
 
 def _larger(known: Largest, sizes: Array, volumes: Array, step: int, places: Array) -> Largest:
