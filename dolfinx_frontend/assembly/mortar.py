@@ -246,17 +246,17 @@ def _at_rim(
     ends = np.flatnonzero(rim)
     if not ends.size:
         return sp.identity(m, format="csr")
-    # (vertices, d, d - 1): directions along the face
-    along = np.linalg.svd(normals[:, None, :])[2][:, 1:].transpose(0, 2, 1)
+    number = np.cumsum(rim) - 1
+    # (ends, d, d - 1): directions along the face
+    along = np.linalg.svd(normals[ends, None, :])[2][:, 1:].transpose(0, 2, 1)
     pairs = (product - sp.diags(product.diagonal())).tocsr()[ends].tocoo()
     i, j = ends[pairs.row], pairs.col
-    towards = pairs.data[:, None] * np.einsum("pd,pdr->pr", x[j] - x[i], along[i])
-    about = np.einsum("pd,pdr->pr", first[j] - weight[j, None] * x[i], along[i])
+    towards = pairs.data[:, None] * np.einsum("pd,pdr->pr", x[j] - x[i], along[pairs.row])
+    about = np.einsum("pd,pdr->pr", first[j] - weight[j, None] * x[i], along[pairs.row])
     both = rim[j]  # what such a neighbour gives away is taken by i
-    given = np.einsum("pd,pdr->pr", own[j[both]], along[j[both]])
-    number = np.cumsum(rim) - 1
-    row = np.concatenate([number[i], number[j[both]]])[:, None, None]
-    column = np.concatenate([number[i], number[i[both]]])[:, None, None]
+    given = np.einsum("pd,pdr->pr", own[j[both]], along[number[j[both]]])
+    row = np.concatenate([pairs.row, number[j[both]]])[:, None, None]
+    column = np.concatenate([pairs.row, pairs.row[both]])[:, None, None]
     of_pairs = np.concatenate([towards, towards[both]])
     blocks = np.einsum("pr,ps->prs", np.concatenate([about, -given]), of_pairs)
     r = np.arange(d - 1)
@@ -264,9 +264,9 @@ def _at_rim(
     columns = np.broadcast_to((d - 1) * column + r, blocks.shape)
     size = (d - 1) * len(ends)
     system = sp.csc_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
-    right = np.einsum("id,idr->ir", own[ends], along[ends]).ravel()
+    right = np.einsum("id,idr->ir", own[ends], along).ravel()
     t = sp.linalg.spsolve(system, right).reshape(-1, d - 1)
-    taken = sp.csr_matrix((np.einsum("pr,pr->p", towards, t[number[i]]), (i, j)), shape=(m, m))
+    taken = sp.csr_matrix((np.einsum("pr,pr->p", towards, t[pairs.row]), (i, j)), shape=(m, m))
     return (sp.identity(m) - taken + sp.diags(np.asarray(taken.sum(axis=0)).ravel())).tocsr()
 
 

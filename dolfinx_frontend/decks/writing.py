@@ -47,10 +47,11 @@ def write_deck(scene: Scene, path: str | Path, **beside: Any) -> None:
         What no deck can hold, or a file that cannot be written.
     """
     deck = Path(path)
-    writer = Writer(deck.parent, deck.with_suffix(".msh"))
+    meshes = deck.absolute().with_name(f"{deck.name}.msh")  # a name that no mesh of the user's has
+    writer = Writer(deck.parent, meshes)
     text = writer.text(scene, **beside)
     if writer.parts:
-        if (meshes := deck.with_suffix(".msh").absolute()) in writer.files:
+        if meshes in writer.files:
             raise SceneError(f"to_deck: other parts are read from {meshes.name}: give the deck another name")
         write_msh(meshes, writer.parts)
     write_text(deck, text)
@@ -341,7 +342,7 @@ def to_deck(scene: Scene, path: str | Path, *, units: tuple[str, str] | None = N
     """Write the scene as a deck in TOML, which :func:`dolfinx_frontend.read_deck` and ``latin run`` read.
 
     The deck has every number to the last bit; files of parts are named relative to its folder. Meshes that
-    were made in Python, or are those of an ``.inp`` or ``.bdf``, are written beside it, into ``joint.msh``.
+    were made in Python, or are those of an ``.inp`` or ``.bdf``, are written beside it, into ``joint.toml.msh``.
 
     Parameters
     ----------

@@ -31,8 +31,8 @@ class Largest:
 
 @dataclass(frozen=True)
 class Deformation:
-    """Of a part over its steps: length; largest principal strain, and radians, at the centres of cells, which
-    cells of `SHARE` of its volume exceed."""
+    """Of a part over its steps: length; largest principal strain, and radians, at the centres of cells. Those
+    beyond the limits are the ones that cells of `SHARE` of its volume exceed."""
 
     displacement: Largest
     strain: Largest
@@ -64,17 +64,14 @@ def deformations(part: Substructure, unknowns: Array, known: Flags) -> Deformati
     by_cells = np.einsum("rn,cnd->crd", shape[1:], corners)  # (cells, reference, d)
     places = np.einsum("n,cnd->cd", shape[0], corners)
     values, *by_reference = tabulate(element, 1, centre)[:, 0]
-    slopes = np.linalg.inv(by_cells) @ np.array(by_reference)  # (cells, d, nodes)
-    volumes = np.abs(np.linalg.det(by_cells))
     strain, rotation = Largest(0.0, 0, displacement.place), Largest(0.0, 0, displacement.place)
     for k, u_k in zip(steps, u, strict=True):
-        gradient = slopes @ u_k[cells]
-        size, turned = _sizes(gradient)
+        size, turned = _sizes(np.linalg.solve(by_cells, np.array(by_reference) @ u_k[cells]))
         if part.around:  # around the axis
             radius = np.maximum(places[:, 0], 1e-300)
             size = np.maximum(size, np.abs(u_k[cells][:, :, 0] @ values) / radius)
-        strain = _larger(strain, size, volumes, int(k), places)
-        rotation = _larger(rotation, turned, volumes, int(k), places)
+        strain = _larger(strain, size, LIMITS.strain, by_cells, int(k), places)
+        rotation = _larger(rotation, turned, np.radians(LIMITS.rotation), by_cells, int(k), places)
     return Deformation(displacement, strain, rotation)
 
 
@@ -91,8 +88,12 @@ def _sizes(gradient: Array) -> tuple[Array, Array]:
     return strains, np.sqrt(np.maximum(squares - crossed, 0.0) / 4.0)
 
 
-def _larger(known: Largest, sizes: Array, volumes: Array, step: int, places: Array) -> Largest:
-    falling = np.argsort(-sizes)
-    beyond = np.cumsum(volumes[falling])
-    cell = int(falling[np.searchsorted(beyond, SHARE * beyond[-1])])
+def _larger(
+    known: Largest, sizes: Array, limit: float, by_cells: Array, step: int, places: Array
+) -> Largest:
+    cell = int(np.argmax(sizes))
+    if sizes[cell] > limit:
+        falling = np.argsort(-sizes)
+        beyond = np.cumsum(np.abs(np.linalg.det(by_cells))[falling])
+        cell = int(falling[np.searchsorted(beyond, SHARE * beyond[-1])])
     return known if sizes[cell] <= known.value else Largest(float(sizes[cell]), step, places[cell])

@@ -179,16 +179,16 @@ def test_meshes_of_python_are_written_beside_the_deck(tmp_path: Path) -> None:
         scene.fix(f"{name}:x0", name=f"wall {name}")
         scene.traction(f"{name}:x1", (0.1, 0.2, 0.0), name=f"pull {name}")
     other = again(scene, tmp_path)
-    assert (tmp_path / "scene.msh").exists() and not (tmp_path / "again.msh").exists()
+    assert (tmp_path / "scene.toml.msh").exists() and not (tmp_path / "again.toml.msh").exists()
     one, two = (lf.solve(lf.assemble(each), progress=False) for each in (scene, other))
     for name in one.known:
         assert two.force(name).sum(axis=0) == pytest.approx(one.force(name).sum(axis=0), rel=1e-12), name
     # a mesh that the scene reads is not written over
     other.substructure("c", own_mesh(1, 1, 1), lf.LinearElastic(E=1.0, nu=0.2))
-    before = (tmp_path / "scene.msh").read_bytes()
+    before = (tmp_path / "scene.toml.msh").read_bytes()
     with pytest.raises(lf.SceneError, match="give the deck another name"):
         other.to_deck(tmp_path / "scene.toml")
-    assert (tmp_path / "scene.msh").read_bytes() == before
+    assert (tmp_path / "scene.toml.msh").read_bytes() == before
 
 
 def test_a_scene_that_was_changed_in_other_ways_is_refused(tmp_path: Path) -> None:
