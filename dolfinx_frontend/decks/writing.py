@@ -342,7 +342,7 @@ def to_deck(scene: Scene, path: str | Path, *, units: tuple[str, str] | None = N
     """Write the scene as a deck in TOML, which :func:`dolfinx_frontend.read_deck` and ``latin run`` read.
 
     The deck has every number to the last bit; files of parts are named relative to its folder. Meshes that
-    were made in Python, or are those of an ``.inp`` or ``.bdf``, are written into ``joint.toml.msh`` beside it.
+    were made in Python, or are those of an ``.inp`` or ``.bdf``, are written into ``joint.toml.msh``.
 
     Parameters
     ----------
