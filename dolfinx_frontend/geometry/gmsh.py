@@ -236,8 +236,9 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
 def write_msh(path: str | Path, parts: Mapping[str, Part]) -> None:
     """Write parts with their faces as a file of gmsh (MSH 2.2, text), which :func:`read_msh` and meshio read.
 
-    Every number is there to the last bit. Parts become physical groups ``"part"``, faces ``"part:face"``, of
-    the corners of their facets; what has no name stays without a group.
+    Every number is there to the last bit, for which gmsh itself writes a digit too few. Parts become physical
+    groups ``"part"``, faces ``"part:face"``, of the corners of their facets; what has no name stays without a
+    group.
 
     Parameters
     ----------
@@ -249,7 +250,7 @@ def write_msh(path: str | Path, parts: Mapping[str, Part]) -> None:
     Raises
     ------
     SceneError
-        A name with a quote or a line break, or with a colon.
+        A name with a quote or a line break, or with a colon; cells of degree 3 or more.
     FileError
         The file cannot be written.
     """
@@ -273,8 +274,10 @@ def write_msh(path: str | Path, parts: Mapping[str, Part]) -> None:
         x = np.zeros((len(mesh.geometry.x), 3))
         x[:, : mesh.geometry.dim] = mesh.geometry.x[:, : mesh.geometry.dim]
         nodes.extend(f"{first + k} {a!r} {b!r} {c!r}" for k, (a, b, c) in enumerate(x.tolist()))
-        kind = next(k for k, (cell, order) in _GMSH_CELLS.items()
-                    if (cell, order) == (part.cell, coordinate_map(mesh).degree))
+        cell = part.cell, coordinate_map(mesh).degree
+        kind = next((k for k, each in _GMSH_CELLS.items() if each == cell), 0)
+        if not kind:
+            raise SceneError(f"write_msh: {name!r} has {cell[0]} cells of degree {cell[1]}; give 1 or 2")
         order = np.argsort(gmsh_cell_permutation(part.cell, cells.shape[1]))
         add(dim, name, kind, first + cells[:, order])
         corners = _facet_corners(mesh)
