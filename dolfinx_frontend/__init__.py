@@ -19,7 +19,7 @@ from dolfinx_frontend.common.interrupts import keep_broken_pipes as _keep_broken
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.common.tracebacks import debug
 from dolfinx_frontend.common.tracebacks import install as _install_tracebacks
-from dolfinx_frontend.results.errors import Errors
+from dolfinx_frontend.results.errors import EnergyBound, Errors
 from dolfinx_frontend.decks.writing import to_deck as _to_deck  # noqa: F401  a method of Scene
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry.solids import Cut
@@ -145,6 +145,7 @@ __all__ = [
     "Displacement",
     "DistributionFit",
     "Elastic",
+    "EnergyBound",
     "Errors",
     "Estimate",
     "Evaluation",

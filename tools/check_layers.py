@@ -3,7 +3,7 @@
 
 C++ kernel: every layer may use those left of it and itself, all may use ``common``::
 
-    algebra | interface | stochastic | mortar | substructure | iteration
+    algebra | interface | stochastic | mortar | equilibration | substructure | iteration
 
 the bindings may use all, and nothing in the kernel names dolfinx. Python: ``latin_core`` imports
 neither dolfinx nor the frontend. In ``dolfinx_frontend`` every module stands in the table `FRONTEND` and
@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-LAYERS = ("algebra", "interface", "stochastic", "mortar", "substructure", "iteration")
+LAYERS = ("algebra", "interface", "stochastic", "mortar", "equilibration", "substructure", "iteration")
 COMMON = "common"
 FRONTEND: dict[str, tuple[str, ...]] = {
     "common": (
@@ -194,6 +194,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "surfaces",
         "points",
         "reactions",
+        "balance",
         "certificate",
         "readings",
         "tables",
@@ -237,6 +238,9 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "pieces",
         "transposed",
         "mesh_error",
+        "balanced_parts",
+        "balanced_laws",
+        "equilibrated",
         "errors",
         "kinks",
         "points",

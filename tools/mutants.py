@@ -52,7 +52,7 @@ WORK = ROOT / "build" / "mutants"
 EXCUSED, FLOOR = ROOT / "tools" / "mutants.toml", ROOT / "tools" / "mutants.json"
 KERNEL = tuple(
     f"latin_core/src/{name}"
-    for name in ("iteration", "substructure", "interface", "algebra", "stochastic", "mortar")
+    for name in ("iteration", "substructure", "interface", "algebra", "stochastic", "mortar", "equilibration")
 )
 STATISTICS = tuple(f"dolfinx_frontend/{name}" for name in ("estimate", "inference", "uncertainty"))
 # a folder of the kernel and one of the statistics in turns: as many of both

@@ -24,7 +24,7 @@ from dolfinx_frontend.scene.loads import AXES, Load, LoadTerm
 from dolfinx_frontend.scene.materials import strain
 from dolfinx_frontend.scene.values import is_zero
 
-__all__ = ["FaceOf", "PartLoad", "cross", "face_of", "fitting", "part_load", "spread_load"]
+__all__ = ["FaceOf", "PartLoad", "cross", "face_of", "fitting", "part_load", "spread_load", "traction_on"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -244,12 +244,13 @@ def _temperature(load: Load, s: Substructure, shape: Any) -> _Shape:
 
 
 class FaceOf:
-    """A face of a part with its points: weights (m,), shape functions (m, nodes), resultants of tractions."""
+    """A face of a part with its points: weights (m,), shape functions (m, nodes), resultants of tractions; by
+    a rule that is exact for so much more than products of shape functions."""
 
-    def __init__(self, s: Substructure, face: str, where: str) -> None:
+    def __init__(self, s: Substructure, face: str, where: str, more: int = 0) -> None:
         facets = FacetMap(s.part, face, where)
         degree = int(s.space.element.basix_element.degree)
-        index, at, w = facets.quadrature(2 * degree)
+        index, at, w = facets.quadrature(2 * degree + more)
         self.x, self.normals, area = facets.surface(index, at)
         self.weights = w * area
         self.shape = facets.trace(s.space, index, at, s.space.dofmap.index_map.size_local)
@@ -273,9 +274,9 @@ class FaceOf:
         return np.asarray(force / self.area + np.cross(np.linalg.solve(inertia, moment), r))
 
 
-def face_of(s: Substructure, face: str, where: str) -> FaceOf | PointsOf:
+def face_of(s: Substructure, face: str, where: str, more: int = 0) -> FaceOf | PointsOf:
     """A face of a part, or points of a matrix, for forces and mean motions."""
-    return FaceOf(s, face, where) if frames_of(s) is None else PointsOf(s, face, where)
+    return FaceOf(s, face, where, more) if frames_of(s) is None else PointsOf(s, face, where)
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -308,19 +309,17 @@ def _wrench(face: FaceOf | PointsOf, kind: str, axis: int, point: Array) -> Arra
     return face.spread(force, np.reshape(cross(point - face.centre, force), -1))
 
 
-def _force(load: Load, s: Substructure, shape: Any) -> _Shape:
+def _force(load: Load, s: Substructure, face: Any, shape: Any) -> Array:
     kind, axis, point = shape
-    face = face_of(s, load.face, load.where)
     if axis >= s.dim and (kind == "force" or s.dim == 3):
         raise SceneError(f"{load.where}: a {kind} along {AXES[axis]!r} on a part of {s.dim} dimensions")
     if kind == "moment" and s.dim == 2 and axis != 2:
         raise SceneError(f"{load.where}: a part in two dimensions has a moment about z only; give a number")
     place = face.centre if point is None else fitting(load.where, "point", point, s.dim)
-    return _Shape(face.nodal(_wrench(face, kind, axis, place)))
+    return _wrench(face, kind, axis, place)
 
 
-def _bearing(load: Load, s: Substructure, shape: Any) -> _Shape:
-    face = FaceOf(s, load.face, load.where)
+def _bearing(load: Load, s: Substructure, face: Any, shape: Any) -> Array:
     if face.around:
         raise SceneError(
             f"{load.where}: a bearing load on an axisymmetric part; it is not axisymmetric: model it in 3D"
@@ -336,22 +335,20 @@ def _bearing(load: Load, s: Substructure, shape: Any) -> _Shape:
         )
     traction = -size / total * cosine[:, None] * face.normals
     # a mesh that is not symmetric leaves a transverse resultant
-    return _Shape(face.nodal(traction + (vector - face.weights @ traction) / face.area))
+    return np.asarray(traction + (vector - face.weights @ traction) / face.area)
 
 
-def _pressure(load: Load, s: Substructure, shape: Any) -> _Shape:
-    face = FaceOf(s, load.face, load.where)
+def _pressure(load: Load, s: Substructure, face: Any, shape: Any) -> Array:
     values = np.ones(len(face.x)) if isinstance(shape, int) else np.asarray(shape(face.x), dtype=np.float64)
     if values.shape != (len(face.x),):
         raise SceneError(
             f"{load.where}: the function of the points returned shape {values.shape}, ({len(face.x)},) is "
             "wanted"
         )
-    return _Shape(face.nodal(-values[:, None] * face.normals))
+    return np.asarray(-values[:, None] * face.normals)
 
 
-def _traction(load: Load, s: Substructure, shape: Any) -> _Shape:
-    face = FaceOf(s, load.face, load.where)
+def _traction(load: Load, s: Substructure, face: Any, shape: Any) -> Array:
     if not isinstance(shape, int):
         values = np.asarray(shape(face.x), dtype=np.float64)
         if values.shape != face.x.shape:
@@ -359,10 +356,35 @@ def _traction(load: Load, s: Substructure, shape: Any) -> _Shape:
                 f"{load.where}: the function of the points returned shape {values.shape}, {face.x.shape} is "
                 "wanted"
             )
-        return _Shape(face.nodal(values))
+        return values
     if shape >= s.dim:
         raise SceneError(f"{load.where}: a component {AXES[shape]!r} on a part of {s.dim} dimensions")
-    return _Shape(face.nodal(np.tile(np.eye(s.dim)[shape], (len(face.x), 1))))
+    return np.tile(np.eye(s.dim)[shape], (len(face.x), 1))
+
+
+_TRACTIONS: dict[str, Callable[[Load, Substructure, Any, Any], Array]] = {
+    "force": _force,
+    "bearing": _bearing,
+    "pressure": _pressure,
+    "traction": _traction,
+}
+
+
+def traction_on(
+    load: Load, s: Substructure, shape: Any, more: int = 0
+) -> tuple[FaceOf | PointsOf, Array] | None:
+    """The face of a load and the traction (m, d) at its points of the number 1; None: it acts elsewhere."""
+    if load.kind not in _TRACTIONS:
+        return None
+    face = face_of(s, load.face, load.where, more)
+    return face, _TRACTIONS[load.kind](load, s, face, shape)
+
+
+def _on_face(load: Load, s: Substructure, shape: Any) -> _Shape:
+    found = traction_on(load, s, shape)
+    assert found is not None  # as its kind has one
+    face, traction = found
+    return _Shape(face.nodal(traction))
 
 
 def _point_force(load: Load, s: Substructure, shape: Any) -> _Shape:
@@ -388,12 +410,8 @@ _KINDS: dict[str, Callable[[Load, Substructure, Any], _Shape]] = {
     "body_force": _body_force,
     "initial_strain": _initial_strain,
     "temperature": _temperature,
-    "force": _force,
-    "bearing": _bearing,
-    "pressure": _pressure,
-    "traction": _traction,
     "point_force": _point_force,
-}
+} | dict.fromkeys(_TRACTIONS, _on_face)
 
 
 _OF_POINTS = ("load", "force", "point_force")

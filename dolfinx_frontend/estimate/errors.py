@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial, reduce
 from math import ceil, isfinite, log
 from operator import add
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -21,18 +21,20 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupted, late, pressed, stop_if_pressed
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.common.statuses import STOPPED
+from dolfinx_frontend.estimate.equilibrated import energy_bound
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error, with_dual
 from dolfinx_frontend.estimate.unseen import walls_not_seen
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results.accuracy import largest_of, remedy
 from dolfinx_frontend.results.answer import AnswerKind
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
-from dolfinx_frontend.results.errors import ErrorShare, Errors, MeanStd, Source, share_of
+from dolfinx_frontend.results.errors import EnergyBound, ErrorShare, Errors, Kind, MeanStd, Source, share_of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
@@ -315,9 +317,23 @@ def enlarged(result: ChaosResult, quantity: Wanted | None, target: float = 0.0) 
 
 
 # --- errors of a result -----------------------------------------------------------------------------
+@overload
+def errors(
+    result: Result | SampleResult, quantity: Interest = None, kind: Literal["estimate"] = "estimate"
+) -> Errors: ...
+
+
+@overload
+def errors(
+    result: Result | SampleResult, quantity: Interest = None, *, kind: Literal["bound"]
+) -> EnergyBound: ...
+
+
 @together("errors")
-def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
-    """Estimate the errors of a result by their sources.
+def errors(
+    result: Result | SampleResult, quantity: Interest = None, kind: Kind = "estimate"
+) -> Errors | EnergyBound:
+    """Estimate the errors of a result by their sources, or prove what that of its meshes is at most.
 
     Parameters
     ----------
@@ -326,6 +342,9 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
     quantity
         A :class:`Resultant`, the name of an interface (its normal force), or ``"energy"``; None: what
         ``solve(accuracy=..., quantity=...)`` was asked for, or the energy norm.
+    kind
+        ``"bound"``: of deterministic answers on triangles and tetrahedra of degree 1 and 2, the energy of the
+        error at most, by a stress in balance; it says of what it is an estimate only.
 
     The iteration is carried on until its error is ten times smaller, and a chaos is solved again with its
     next modes. Both start from the answer, which takes about half as long as the run without its
@@ -335,7 +354,12 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
     """
     if getattr(result, "kind", None) not in _BY_KIND:
         raise SceneError(f"errors: result = {short(result)}; give a result of solve, or samples")
-    result.problem.check_alike("errors", quantity=quantity)
+    check_known("kind", kind, ("estimate", "bound"), "errors")
+    result.problem.check_alike("errors", quantity=quantity, kind=kind)
+    if kind == "bound":
+        if interest(result.problem.interfaces, quantity) is not None:
+            raise SceneError("errors: kind='bound' is of the energy: leave the quantity out")
+        return energy_bound(result)
     if quantity is None and result.found is not None:
         return result.found
     with agreement(result.problem.comm):

@@ -26,6 +26,13 @@ from dolfinx_frontend.common.files import FileError, replaced
 from dolfinx_frontend.formats.chaos_file import software
 from dolfinx_frontend.formats.meshes import part_arrays
 from dolfinx_frontend.results.answer import stepped
+from dolfinx_frontend.results.balance import (
+    directions_of,
+    eliminated,
+    force_of,
+    held_by_nodes,
+    nodal_forces,
+)
 from dolfinx_frontend.scene.laws import Elimination, Law
 from dolfinx_frontend.scene.materials import LinearElastic
 
@@ -145,18 +152,11 @@ def _reaction(answer: Any, name: str, u: Array, load: Array) -> Array:
         for number, side in enumerate(interface.sides):
             if side.substructure != name:
                 continue
-            if _nodal(answer, interface):
+            if held_by_nodes(answer, interface):
                 held.reshape(-1, part.dim)[side.nodes] = True
                 continue
-            left -= _acting(answer, interface, number)
+            left -= nodal_forces(answer, interface, number)
     return np.where(held, left, 0.0)
-
-
-def _acting(answer: Any, interface: Interface, number: int) -> Array:
-    """Nodal forces (T, n) of an interface on the part of one of its sides."""
-    rows, force = _rows(interface), _force(answer, interface)
-    at_points = np.einsum("m,tmk,mkd->tmd", interface.weights, force, rows).reshape(len(force), -1)
-    return np.asarray((1.0 - 2.0 * number) * (csr(interface.sides[number].trace).T @ at_points.T).T)
 
 
 def _imbalance(answer: Any, arrays: Arrays) -> float:
@@ -170,8 +170,8 @@ def _imbalance(answer: Any, arrays: Arrays) -> float:
         u, *given = (arrays[f"part{k}.{what}"] for what in ("displacement", "load", "reaction"))
         for interface in problem.interfaces.values():
             for number, side in enumerate(interface.sides):
-                if side.substructure == name and not _nodal(answer, interface):
-                    given.append(_acting(answer, interface, number))
+                if side.substructure == name and not held_by_nodes(answer, interface):
+                    given.append(nodal_forces(answer, interface, number))
         acting, terms = np.sum(given, axis=0), np.sum(np.abs(given), axis=0)
         modes, kinds = part.rigid_modes, np.cumsum([0, part.dim])
         of_motions = abs(acting @ modes), terms @ abs(modes)
@@ -184,29 +184,6 @@ def _imbalance(answer: Any, arrays: Arrays) -> float:
 
 
 # --- interfaces ------------------------------------------------------------------------------------
-def _eliminated(answer: Any, interface: Interface) -> Elimination | None:
-    if interface.name in answer.plan.active:
-        return None
-    return interface.law.eliminated(interface.matching is not None)
-
-
-def _nodal(answer: Any, interface: Interface) -> bool:
-    """Whether it holds nodes, instead of having a force at points."""
-    return interface.name not in answer.plan.active and interface.law.prescribes == "jump"
-
-
-def _rows(interface: Interface) -> Array:
-    """Directions (m, components, d) of the force at its points; a mean motion has one."""
-    rows = np.asarray(interface.law.nominal.rows(interface)).reshape(interface.num_points, -1, interface.dim)
-    return rows if interface.wrench is None else rows[:, :1]
-
-
-def _force(answer: Any, interface: Interface) -> Array:
-    """(T, m, components)."""
-    force = stepped(answer.force(interface.name), answer.times)
-    return force if interface.wrench is None else force[..., :1]
-
-
 def _interface(arrays: Arrays, key: str, answer: Any, name: str, times: list[float | None]) -> Arrays:
     problem: Problem = answer.problem
     interface = problem.interfaces[name]
@@ -217,9 +194,9 @@ def _interface(arrays: Arrays, key: str, answer: Any, name: str, times: list[flo
     told: Arrays = {"name": name, "law": interface.law.title, "sides": sides, "faces": faces}
     if interface.law.functions is not None:
         raise _refused(f"interface {name!r}: its law {interface.law.title} is the user's own")
-    if not _nodal(answer, interface):
+    if not held_by_nodes(answer, interface):
         return told | _points(arrays, key, answer, interface, laws, times)
-    how = _eliminated(answer, interface)
+    how = eliminated(answer, interface)
     if how is Elimination.GLUED and interface.matching is not None:
         arrays[key + "pairs"] = interface.matching.astype(np.int64)
         return told | {"kind": "glued"}
@@ -249,7 +226,7 @@ def _points(
     kind = fields[0].kind
     if kind not in KINDS:
         raise _refused(f"interface {interface.name!r}: the law {kind!r} is none of {', '.join(KINDS)}")
-    rows = _rows(interface)
+    rows = directions_of(interface)
     m, k, d = rows.shape
     turned = sp.bsr_matrix((rows, np.arange(m), np.arange(m + 1)), shape=(m * k, m * d)).tocsr()
     for number, side in enumerate(interface.sides):
@@ -259,7 +236,7 @@ def _points(
         key + "points": interface.points,
         key + "weights": interface.weights,
         key + "directions": rows,
-        key + "force": _force(answer, interface),
+        key + "force": force_of(answer, interface),
     }
     for parameter in fields[0].parameters:
         values = np.stack([each.parameters[parameter][:, 0] for each in fields])

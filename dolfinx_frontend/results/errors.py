@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol, get_args
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, Protocol, get_args, overload
 
 import numpy as np
+import numpy.typing as npt
 
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
@@ -14,9 +15,11 @@ from dolfinx_frontend.results.resultant import Compared, Interest, Wanted
 
 __all__ = [
     "Continuation",
+    "EnergyBound",
     "ErrorShare",
     "Errors",
     "Estimator",
+    "Kind",
     "MeanStd",
     "MeshStep",
     "Place",
@@ -26,6 +29,7 @@ __all__ = [
     "share_of",
 ]
 
+Kind = Literal["estimate", "bound"]
 Source = Literal["algebraic", "truncation", "field", "discretisation"]
 
 
@@ -112,6 +116,54 @@ class MeshStep(NamedTuple):
         kept = f" (factors kept: {self.kept[0]} of {self.kept[1]})" if changed and self.kept[0] else ""
         text = f"{self.unknowns} unknowns{value}, meshes {shown_error(self.error)}"
         return text + (f"; {changed}{kept}" if changed else "")
+
+
+@dataclass(frozen=True, repr=False)
+class EnergyBound(Shown):
+    """How far an answer is from the exact one in energy, at most: ``result.errors(kind="bound")``.
+
+    Attributes
+    ----------
+    total
+        Square root of the energy (twice the strain energy) of the error, at most: sqrt(force * length).
+    whole
+        The same of the answer.
+    parts, interfaces
+        What each part, each law of an interface contributes: the root of the sum of their squares is `total`.
+    notes
+        Why it is an estimate and no bound; empty: it is proven, but for rounding and the answer's `error`.
+    seconds
+        Wall time.
+    cells
+        Part -> squares (cells,) that its cells contribute.
+    """
+
+    total: float
+    whole: float
+    parts: dict[str, float]
+    interfaces: dict[str, float]
+    notes: tuple[str, ...] = ()
+    seconds: float = field(default=0.0, compare=False)
+    cells: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def strict(self) -> bool:
+        """Whether it is proven."""
+        return not self.notes
+
+    @property
+    def relative(self) -> float:
+        """`total` over `whole`."""
+        return share_of(self.total, self.whole)
+
+    def __repr__(self) -> str:
+        return f"EnergyBound({'at most' if self.strict else 'about'} {shown_error(self.relative)} in energy)"
+
+    def __str__(self) -> str:
+        lines = [f"error in energy: {'at most' if self.strict else 'about'} {shown_error(self.relative)}"]
+        for name, value in sorted({**self.parts, **self.interfaces}.items(), key=lambda each: -each[1]):
+            lines.append(f"  {name:<24}{shown_error(share_of(value, self.whole)):>9}")
+        return "\n".join([*lines, *(f"  no bound: {note}" for note in self.notes)])
 
 
 @dataclass(frozen=True, repr=False)
@@ -226,10 +278,16 @@ def share_of(error: float, whole: float) -> float:
 class Estimator(Protocol):
     """Measures the errors of a result, see :meth:`dolfinx_frontend.Result.errors`."""
 
-    def __call__(self, result: Any, quantity: Interest = None) -> Errors: ...
+    @overload
+    def __call__(
+        self, result: Any, quantity: Interest = None, kind: Literal["estimate"] = "estimate"
+    ) -> Errors: ...
+
+    @overload
+    def __call__(self, result: Any, quantity: Interest = None, *, kind: Literal["bound"]) -> EnergyBound: ...
 
 
-def not_measured(result: Any, quantity: Interest = None) -> Errors:
+def not_measured(result: Any, quantity: Interest = None, kind: str = "estimate") -> Any:
     """The estimator of a result that was made without one."""
     raise SceneError(
         "this result was made without an estimator: dolfinx_frontend.errors(result) measures its errors"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Literal, Self, TYPE_CHECKING, overload
 
 import numpy as np
 from latin_core import Laws, State, Summary
@@ -29,8 +29,10 @@ from dolfinx_frontend.results.answer import AnswerKind, Block, timed
 from dolfinx_frontend.results.certificate import write_certificate
 from dolfinx_frontend.results.errors import (
     Continuation,
+    EnergyBound,
     Errors,
     Estimator,
+    Kind,
     MeanStd,
     not_continued,
     not_measured,
@@ -234,8 +236,15 @@ class Result(Value, Face):
         u = self.unknowns(part)[None]
         return u if unknowns is None else u[..., unknowns]
 
+    @overload
+    def errors(self, quantity: Interest = None, kind: Literal["estimate"] = "estimate") -> Errors: ...
+    @overload
+    def errors(self, quantity: Interest = None, *, kind: Literal["bound"]) -> EnergyBound: ...
+
     @together("errors")
-    def errors(self, quantity: Interest = None) -> Errors:
+    def errors(
+        self, quantity: Interest = None, kind: Kind = "estimate"
+    ) -> Errors | EnergyBound:
         """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
 
         The iteration is carried on until its error is ten times smaller, a chaos gets its next modes: about
@@ -247,8 +256,13 @@ class Result(Value, Face):
         quantity
             A :class:`Resultant`, the name of an interface (its normal force), ``"energy"``; None: what was
             asked for, or the energy norm.
+        kind
+            ``"bound"``: the energy of the error of the meshes at most, by a stress in balance with the loads
+            (triangles and tetrahedra of degree 1 and 2); :attr:`EnergyBound.notes` say where it is no proof.
         """
-        return self.estimator(self, quantity)
+        if kind == "bound":
+            return self.estimator(self, quantity, kind=kind)
+        return self.estimator(self, quantity, kind)
 
     def certificate(self, path: str | Path) -> None:
         """Write the answer with all that proves it, for ``tools/check_certificate.py`` (docs/certificate.md).

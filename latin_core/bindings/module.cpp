@@ -19,6 +19,7 @@ void bind_results(py::module_& m);
 void bind_structure(py::module_& m);
 void bind_stochastic(py::module_& m);
 void bind_mortar(py::module_& m);
+void bind_equilibration(py::module_& m);
 void bind_elimination(py::module_& m);
 
 namespace {
@@ -81,6 +82,7 @@ PYBIND11_MODULE(_core, m) {
   m.def("default_options", &default_options,
         "Settings of the iteration and of the bodies' operators where none are given, by name.");
   bind_mortar(m);
+  bind_equilibration(m);
   bind_elimination(m);
   m.def(
       "bound_threads",

@@ -336,6 +336,26 @@ class Elimination:
     def reduce(self, forces: npt.ArrayLike) -> tuple[Array, Array]: ...
     def expand(self, kept: npt.ArrayLike, partial: npt.ArrayLike) -> Array: ...
 
+class Equilibration:
+    def __init__(
+        self,
+        *,
+        vertices: Array,
+        corners: npt.ArrayLike,
+        stress: Array,
+        force: Array,
+        compliance: Sequence[Array],
+        material: npt.ArrayLike,
+        cells: npt.ArrayLike,
+        facets: npt.ArrayLike,
+        moments: Array,
+        held: Array,
+    ) -> None: ...
+    @property
+    def defect(self) -> float: ...
+    def relax(self, most_sweeps: int, enough: float) -> Array: ...
+    def stress(self, cell: int, points: Array) -> Array: ...
+
 class mortar:
     """The submodule ``latin_core._core.mortar``."""
 

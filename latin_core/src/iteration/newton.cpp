@@ -21,7 +21,7 @@ constexpr double shortest = 0.01;
 /// What a step that is shortened has to make the residual fall by, relative to its share.
 constexpr double enough = 0.1;
 /// An answer is looked at so often again.
-constexpr int most_refined = 2;
+constexpr int most_looks = 2;
 /// A residual that comes back to these digits so often goes in circles.
 constexpr double digits = 1e3;
 constexpr int most_returns = 3;
@@ -240,7 +240,7 @@ bool Newton::solve_column(State& state, Column& column, double tolerance, Index&
 }
 
 void Newton::refine(State& state, Column& column, double tolerance, Index& steps) {
-  for (int round = 0; round < most_refined; ++round) {
+  for (int round = 0; round < most_looks; ++round) {
     Column again = begin(state, column.index);
     if (again.norm <= tolerance * scale_ || !attempt(again, tolerance, {}, steps)) {
       return;

@@ -1,0 +1,381 @@
+"""A proven bound of the error of the meshes: a stress in balance beside the answer.
+
+If s is a stress in balance with the loads and u a displacement that the supports admit, the distance of s
+from the stress of u in energy is at least the error of u (W. Prager and J. L. Synge, Quart. Appl. Math. 5
+(1947) 241); of laws of interfaces that have an energy, what Fenchel's inequality leaves of forces and jumps
+is added (P. Ladeveze and D. Leguillon, SIAM J. Numer. Anal. 20 (1983) 485). The kernel makes s from the
+answer, see ``latin::equilibration``; here is what it needs of the parts, and the interfaces. Nothing is
+fitted or believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from time import perf_counter
+from types import SimpleNamespace
+from typing import Any
+
+import basix
+import dolfinx.fem as fem
+import numpy as np
+
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.interface import Interface, frames
+from dolfinx_frontend.assembly.part_loads import PartLoad, traction_on
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.deferred import sp
+from dolfinx_frontend.common.interrupts import stop_if_pressed
+from dolfinx_frontend.estimate.balanced_laws import (
+    contact_pressure,
+    gap_of_contact,
+    gap_of_friction,
+    gap_of_springs,
+)
+from dolfinx_frontend.estimate.balanced_parts import (
+    MORE,
+    SETTINGS,
+    Body,
+    Inputs,
+    OnFace,
+    correct,
+    free_motions,
+    lifted,
+    refused,
+)
+from dolfinx_frontend.results.balance import eliminated, held_by_nodes, nodal_forces
+from dolfinx_frontend.results.errors import EnergyBound
+from dolfinx_frontend.scene.laws import Elimination, Law
+
+__all__ = ["energy_bound"]
+
+
+def energy_bound(result: Any, step: int = -1) -> EnergyBound:
+    """Bound of the energy of the error of an answer, of one step.
+
+    Parameters
+    ----------
+    result
+        Deterministic, or a history.
+
+    Raises
+    ------
+    SceneError
+        No stress in balance is made for such a part or load, by its name.
+    """
+    began = perf_counter()
+    problem: Problem = result.problem
+    if result.kind not in ("deterministic", "history"):
+        raise refused(f"the answer is a {result.kind}: solve it with numbers, at a point of interest")
+    if problem.comm is not None:
+        raise refused("its parts are on several ranks: solve it on one")
+    time = None if result.times is None else float(result.times[step])
+    moment = problem if time is None else problem.at(time)
+    work = _Work(result, moment, step)
+    for interface in problem.interfaces.values():
+        stop_if_pressed()
+        work.add(interface, interface.law if time is None else interface.law.at(time))
+    for load in moment.loads.values():
+        work.add_load(load)
+    return work.bound(began)
+
+
+@dataclass
+class _Work:
+    """What is gathered of an answer on the way to its bound."""
+
+    result: Any
+    problem: Problem
+    step: int
+    notes: list[str] = field(default_factory=list)
+    gaps: dict[str, float] = field(default_factory=dict)
+    joints: list[tuple[Interface, Law]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        fields = {n: self._at(self.result.unknowns(n)) for n in self.problem.substructures}
+        self.bodies = {n: Body(part, fields[n]) for n, part in self.problem.substructures.items()}
+        self.pairs: list[Array] = []
+        count = np.cumsum([0, *(len(body.u) for body in self.bodies.values())])
+        self.first = dict(zip(self.bodies, count, strict=False))
+        self.total = int(count[-1])
+        for name, body in self.bodies.items():
+            if not body.straight():
+                self.notes.append(f"{name!r} has curved cells")
+            body.acting += self.problem.load_on(name).reshape(body.u.shape)
+            self._own_force(body)
+
+    def _at(self, values: Array) -> Array:
+        return np.asarray(values if self.result.times is None else values[self.step])
+
+    def add(self, interface: Interface, law: Law) -> None:
+        """What an interface exerts on its parts, or joins of them."""
+        name, two = interface.name, len(interface.sides) == 2
+        if held_by_nodes(self.result, interface):
+            if not two:
+                self._support(interface, law)
+            elif interface.matching is not None and eliminated(self.result, interface) is Elimination.GLUED:
+                self._glued(interface)
+            else:
+                raise refused(
+                    f"interface {name!r} ties meshes that do not match inside the parts: solve with "
+                    f"active=[{name!r}], which leaves its tractions to be known"
+                )
+            return
+        if law.elimination is Elimination.LOAD:
+            self._loaded(interface, law)
+            return
+        if not two and law.prescribes == "jump" and interface.wrench is None:
+            self._support(interface, law)
+            return
+        self.joints.append((interface, law))  # when all supports are known
+
+    def add_load(self, load: PartLoad) -> None:
+        """What a load of the scene exerts."""
+        body = self.bodies[load.load.part]
+        for parameter in load.load.values:
+            number = load.mean(parameter, None)
+            if number == 0.0:
+                continue
+            if parameter in load.stresses:
+                self._initial(body, load, parameter, number)
+                continue
+            found = traction_on(load.load, body.part, load.load.shapes[parameter], MORE)
+            if found is None:
+                self._inside(body, load, parameter, number)
+                continue
+            face = OnFace(body, load.load.face, load.load.where)
+            self._exert(body, face, number * found[1], load.load.where)
+
+    def _own_force(self, body: Body) -> None:
+        """The constant body force of a part, told by its nodal forces."""
+        nodal = body.part.load.reshape(body.u.shape)
+        if not nodal.any():
+            return
+        d, cells = body.part.dim, body.volumes
+        shares = np.zeros(len(body.u))
+        of_vertex = {1: 1.0 / (d + 1), 2: 0.0 if d == 2 else -0.05}[body.degree]
+        np.add.at(shares, body.vertices, of_vertex * cells[:, None])
+        if body.degree > 1:
+            edges = np.setdiff1d(np.arange(body.dofs.shape[1]), body.at_vertex)
+            np.add.at(shares, body.dofs[:, edges], (1.0 / 3.0 if d == 2 else 0.2) * cells[:, None])
+        force = nodal.sum(axis=0) / cells.sum()
+        if np.abs(nodal - shares[:, None] * force).max() > SETTINGS.rounding * np.abs(nodal).max():
+            raise refused(f"substructure {body.part.name!r}: its body force is not the same everywhere")
+        body.force += force
+
+    def _exert(self, body: Body, face: OnFace, traction: Array, where: str) -> None:
+        if face.misfit(traction) > SETTINGS.rounding:
+            self.notes.append(f"{where}: its traction is no polynomial of the degree of the cells")
+        none = np.zeros((len(face.map), body.part.dim, body.part.dim))
+        body.on_face(face.map, face.moments(traction), none)
+
+    def _initial(self, body: Body, load: PartLoad, parameter: str, number: float) -> None:
+        """Stress of an initial strain, linear in each cell."""
+        mesh = body.part.part.mesh
+        vertices = np.asarray(basix.geometry(basix.CellType[body.cell]))
+        points = np.vstack([vertices, vertices.mean(axis=0)])
+        expression = fem.Expression(load.stresses[parameter], points)
+        d, cells = body.part.dim, np.arange(len(body.dofs), dtype=np.int32)
+        values = expression.eval(mesh, cells).reshape(len(cells), len(points), d, d)
+        pairs = ((0, 0), (1, 1), (0, 1)) if d == 2 else ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+        own = number * np.stack([values[..., i, j] for i, j in pairs], axis=-1)
+        bent = np.abs(own[:, -1] - own[:, :-1].mean(axis=1)).max()
+        if bent > SETTINGS.rounding * np.abs(own).max():
+            self.notes.append(f"{load.load.where}: its stress is not linear in the cells")
+        body.initial += own[:, :-1]
+
+    def _inside(self, body: Body, load: PartLoad, parameter: str, number: float) -> None:
+        """A force per volume, the same everywhere."""
+        shape = load.load.shapes[parameter]
+        if load.load.kind != "body_force" or not isinstance(shape, int):
+            raise refused(f"{load.load.where}: no tractions are known of a {load.load.kind} that varies")
+        body.force[:, shape] += number
+
+    def _support(self, interface: Interface, law: Law) -> None:
+        side = interface.sides[0]
+        body = self.bodies[side.substructure]
+        nodes = body.part.dof_coordinates[side.nodes]
+        directions, values = law.constraint(interface.name, side, nodes)
+        face = FacetMap(body.part.part, side.face, interface.name)
+        projector = directions.T @ directions
+        shape = (len(face), len(face.closure_dofs(body.part.space)[0]), body.part.dim)
+        body.on_face(face, np.zeros(shape), np.tile(projector, (len(face), 1, 1)))
+        body.held[np.unique(face.closure_dofs(body.part.space))] += projector
+
+    def _glued(self, interface: Interface) -> None:
+        assert interface.matching is not None
+        one, other = (self.first[side.substructure] for side in interface.sides)
+        self.pairs.append(interface.matching + np.array([one, other]))
+
+    def _loaded(self, interface: Interface, law: Law) -> None:
+        """A pressure or traction of a law."""
+        side = interface.sides[0]
+        body = self.bodies[side.substructure]
+        face = OnFace(body, side.face, f"interface {interface.name!r}")
+        axes, _ = frames(face.normals, None)
+        points: Any = SimpleNamespace(
+            name=interface.name, dim=body.part.dim, num_points=len(face.x), points=face.x, frames=axes,
+            weights=face.weights, area=float(face.weights.sum()), normals=face.normals,
+        )  # fmt: skip
+        traction = np.einsum("pij,pi->pj", axes, np.asarray(law.load(points)))
+        self._exert(body, face, traction, f"interface {interface.name!r}")
+        body.acting += face.nodal(face.moments(traction))
+
+    def _joint(self, interface: Interface, law: Law, rests: bool) -> None:
+        """Forces of a law, as tractions that exert the same at nodes; `rests`: supports hold its parts."""
+        name, side = interface.name, interface.sides[0]
+        alone = interface.wrench is not None  # a joint of mean motions: what it sees of a part is exact
+        if len(interface.sides) == 2 and interface.matching is None and not alone:
+            self.notes.append(f"{name!r} joins meshes that do not match")
+        if interface.one_point and not alone:
+            self.notes.append(f"{name!r} acts at a point")
+        body = self.bodies[side.substructure]
+        face = OnFace(body, side.face, f"interface {name!r}")
+        traction = face.traction(self._nodal(interface, 0, body))
+        presses = law.unilateral and not alone
+        if presses:
+            traction = self._contact(interface, law, face, traction, rests)
+        elif law.springs and not alone:
+            jump = face.values(self._jump(interface))
+            gap, why = gap_of_springs(interface, law, face, face.values(traction), jump)
+            self.gaps[name] = gap
+            self.notes += [why] if why else []
+        elif law.prescribes != "jump" and not alone:
+            self.notes.append(f"{name!r}: of its law {law.title} forces and jumps have no bound")
+        self._pull(body, face, traction)
+        for number, other in enumerate(interface.sides[1:], start=1):
+            body = self.bodies[other.substructure]
+            on = OnFace(body, other.face, f"interface {name!r}")
+            if interface.matching is None:
+                self._pull(body, on, on.traction(self._nodal(interface, number, body)))
+                continue
+            opposite = np.zeros_like(body.u)
+            opposite[interface.matching[:, 1]] = -traction[interface.matching[:, 0]]
+            self._pull(body, on, opposite)
+
+    def _nodal(self, interface: Interface, number: int, body: Body) -> Array:
+        """Forces (nodes, d) of an interface on one of its sides."""
+        return np.asarray(nodal_forces(self.result, interface, number)[self.step].reshape(body.u.shape))
+
+    def _pull(self, body: Body, face: OnFace, traction: Array) -> None:
+        """A traction (nodes, d) on a face."""
+        moments = face.moments(face.values(traction))
+        body.on_face(face.map, moments, np.zeros((len(face.map), body.part.dim, body.part.dim)))
+        body.acting += face.nodal(moments)
+
+    def _jump(self, interface: Interface) -> Array:
+        """w2 - w1 (nodes, d) at the nodes of side 1."""
+        one = self.bodies[interface.sides[0].substructure].u
+        jump = -one
+        if len(interface.sides) == 2 and interface.matching is not None:
+            mine, theirs = interface.matching.T
+            jump[mine] += self.bodies[interface.sides[1].substructure].u[theirs]
+        return jump
+
+    def _contact(
+        self, interface: Interface, law: Law, face: OnFace, traction: Array, rests: bool
+    ) -> Array:
+        """The traction of contact (nodes, d) that never pulls, with its gap; what overlaps is lifted."""
+        name = interface.name
+        fields = law.fields(interface)
+        given = [np.ravel(fields.parameters[each]) for each in ("gap", "jump", "compliance")]
+        if not face.flat or any(np.ptp(each) > SETTINGS.rounding * np.abs(each).max() for each in given):
+            self.notes.append(f"{name!r}: contact on a face that is not flat, or with a gap that varies")
+            return traction
+        start, imposed, compliance = (float(each[0]) for each in given)
+        normal = face.normals[0]
+        pressed = contact_pressure(face, traction @ normal, rests)
+        if pressed is None:
+            self.notes.append(f"no pressure of {name!r} that never pulls has its resultant")
+            pressed = traction @ normal
+        opening = self._jump(interface) @ normal + start - imposed
+        if compliance == 0.0:
+            inside = np.zeros_like(opening)
+            nodes = np.unique(face.dofs)
+            inside[nodes] = np.minimum(face.to_bernstein(opening)[nodes], 0.0)
+            if -inside.min(initial=0.0) > SETTINGS.rounding * np.abs(self._jump(interface)).max(initial=0.0):
+                lift = -face.to_nodes(inside)
+                opening = opening + lift
+                self._lift(interface, face, lift, normal)
+        forces = face.values(pressed[:, None])[:, 0]
+        self.gaps[name] = gap_of_contact(face, forces, face.values(opening[:, None])[:, 0], compliance)
+        whole = np.outer(pressed, normal)
+        if law.rubs:
+            along = traction - np.outer(traction @ normal, normal)
+            whole += along
+            self._rub(name, fields, face, forces, face.values(along), self._jump(interface))
+        return whole
+
+    def _rub(
+        self, name: str, fields: Any, face: OnFace, forces: Array, traction: Array, jump: Array
+    ) -> None:
+        """Friction: Tresca's is bounded, of others and of slips before this step nothing is proven."""
+        given = [np.ravel(fields.parameters.get(each, [0.0])) for each in ("friction", "threshold")]
+        if any(np.ptp(each) > SETTINGS.rounding * np.abs(each).max() for each in given):
+            self.notes.append(f"{name!r}: its friction varies")
+            return
+        friction, threshold = (float(each[0]) for each in given)
+        moved = face.values(jump)
+        slip = moved - np.sum(moved * face.normals, axis=1, keepdims=True) * face.normals
+        gap, holds = gap_of_friction(face, threshold - friction * forces, traction, slip)
+        self.gaps[name] += gap
+        tresca = friction == 0.0 and self.result.times is None and bool(np.all(forces < 0.0))
+        if not (tresca and holds) or "tangential_compliance" in fields.parameters:
+            self.notes.append(f"{name!r}: friction that depends on pressure, or has a history, has no bound")
+
+    def _lift(self, interface: Interface, face: OnFace, lift: Array, normal: Array) -> None:
+        """Move a side of contact out of the other one, by a length (nodes,) at nodes of side 1."""
+        sides = interface.sides
+        softer = min(range(len(sides)), key=lambda k: self.bodies[sides[k].substructure].part.modulus)
+        body = self.bodies[sides[softer].substructure]
+        nodes = np.unique(face.dofs)
+        mine = nodes
+        if softer == 1 and interface.matching is not None:
+            at = {int(one): int(other) for one, other in interface.matching}
+            mine = np.array([at[int(k)] for k in nodes])
+        fixed = np.zeros(len(body.u), dtype=bool)
+        for other in self.problem.interfaces.values():
+            for side in other.sides if len(other.sides) == 2 and other is not interface else ():
+                if side.substructure == body.part.name:
+                    fixed[side.nodes] = True
+        barred = np.einsum("i,nij,j->n", normal, body.held, normal) > SETTINGS.rounding
+        if np.any(lift[nodes][(fixed | barred)[mine]] > SETTINGS.rounding * lift.max()):
+            self.notes.append(f"{interface.name!r}: its faces are inside each other where another one begins")
+        sign = 1.0 if softer == 1 else -1.0
+        body.lifted += lifted(body, mine, sign * lift[nodes], normal, fixed)
+
+    def _numbers(self) -> Ints:
+        """Number of every node of all parts, the same where parts are glued."""
+        if not self.pairs:
+            return np.arange(self.total)
+        ties = np.concatenate(self.pairs)
+        graph = sp.coo_matrix((np.ones(len(ties)), ties.T), shape=(self.total, self.total))
+        return np.asarray(sp.csgraph.connected_components(graph, directed=False)[1], dtype=np.int64)
+
+    def bound(self, began: float) -> EnergyBound:
+        """The stress in balance, and its distance."""
+        numbers, d = self._numbers(), self.problem.dim
+        own = {n: numbers[self.first[n] : self.first[n] + len(b.u)] for n, b in self.bodies.items()}
+        rests, motions = free_motions(self.bodies, own, int(numbers.max()) + 1)
+        for interface, law in self.joints:
+            stop_if_pressed()
+            self._joint(interface, law, all(rests[side.substructure] for side in interface.sides))
+        correct(self.bodies, own, int(numbers.max()) + 1, motions)
+        inputs = Inputs(d)
+        for name, body in self.bodies.items():
+            inputs.add(body, own[name])
+        stop_if_pressed()
+        made = inputs.made(int(numbers.max()) + 1)
+        if not made.defect <= SETTINGS.rounding + self.result.error:
+            self.notes.append(f"balance at nodes is off by {made.defect:.1g}")
+        energies = np.split(made.relax(SETTINGS.sweeps, SETTINGS.enough), np.cumsum(inputs.counts)[:-1])
+        cells = dict(zip(self.bodies, energies, strict=True))
+        squares = {n: max(float(e.sum()), 0.0) + self.bodies[n].energy_of_change() for n, e in cells.items()}
+        strain = sum(body.energy(body.u) for body in self.bodies.values())
+        lift = np.sqrt(sum(body.energy(body.lifted) for body in self.bodies.values()))
+        total = float(np.sqrt(sum(squares.values()) + sum(self.gaps.values())) + lift)
+        parts = {n: float(np.sqrt(square)) for n, square in squares.items()}
+        laws = {n: float(np.sqrt(max(gap, 0.0))) for n, gap in self.gaps.items()}
+        whole = float(np.sqrt(max(strain, 0.0)))
+        notes = tuple(dict.fromkeys(self.notes))
+        return EnergyBound(total, whole, parts, laws, notes, perf_counter() - began, cells)

@@ -1,0 +1,295 @@
+#include "latin/equilibration/equilibration.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+namespace latin::equilibration {
+namespace {
+
+/// Bytes of the energies of cells that are kept at once.
+constexpr double most_bytes = 5e8;
+/// Cells whose energies are made by one product.
+constexpr Index together = 16;
+
+}  // namespace
+
+/// Facets around each vertex in 2D, each edge in 3D, in the order of their cells.
+void Equilibration::find_stars() {
+  std::map<std::pair<Index, Index>, std::vector<Index>> found;
+  for (std::size_t f = 0; f < facets_.size(); ++f) {
+    if (!facets_[f].changes) {
+      continue;
+    }
+    std::vector<Index> on;
+    for (Index k = 0; k < corners_; ++k) {
+      if (k != facets_[f].numbers[0]) {
+        on.push_back(cells_.corners[facets_[f].cells[0] * corners_ + k]);
+      }
+    }
+    for (std::size_t i = 0; i < on.size(); ++i) {
+      if (dim_ == 2) {
+        found[{on[i], -1}].push_back(static_cast<Index>(f));
+      }
+      for (std::size_t j = i + 1; dim_ == 3 && j < on.size(); ++j) {
+        found[{on[i], on[j]}].push_back(static_cast<Index>(f));
+      }
+    }
+  }
+  for (auto& [at, facets] : found) {
+    stars_.push_back(std::move(facets));
+  }
+  std::ranges::stable_sort(stars_, {}, [this](const auto& star) {
+    Index first = count_;
+    for (const Index f : star) {
+      first = std::min(first, facets_[f].cells[0]);
+    }
+    return first;
+  });
+}
+
+/// Energies of cells by the moments of their facets, out of the first cell of each, where stresses have the least
+/// energy; and those of the distance, when it is first asked for.
+void Equilibration::condense(const std::vector<Index>& cells, std::vector<Matrix>& energies) {
+  const Index columns = reference_.basis().cols();
+  const Index free = reference_.self_stresses();
+  const Index given = reference_.data();
+  const Index n = reference_.components();
+  const Matrix& products = reference_.products();
+  Matrix compliances(products.cols(), together);
+  Matrix sums(columns * columns, together);
+  for (std::size_t first = 0; first < cells.size(); first += together) {
+    const auto some = static_cast<Index>(std::min<std::size_t>(together, cells.size() - first));
+    for (Index k = 0; k < some; ++k) {
+      const Matrix own = reference_compliance(cells[first + k]);
+      Index pair = 0;
+      for (Index a = 0; a < n; ++a) {
+        for (Index b = a; b < n; ++b) {
+          compliances(pair++, k) = own(a, b);
+        }
+      }
+    }
+    sums.leftCols(some).noalias() = products * compliances.leftCols(some);
+    for (Index k = 0; k < some; ++k) {
+      const Index cell = cells[first + k];
+      const Eigen::Map<const Matrix> sum(sums.col(k).data(), columns, columns);
+      Matrix energy = sum.bottomRightCorner(given, given);
+      if (free > 0) {
+        const Eigen::LLT<Matrix> factor(sum.topLeftCorner(free, free));
+        const Matrix coupled = factor.matrixL().solve(sum.topRightCorner(free, given));
+        energy.noalias() -= coupled.transpose() * coupled;
+      }
+      take(cell, energy, energies[first + k]);
+    }
+  }
+}
+
+/// An energy by data on the reference cell as one by moments of facets; and of the distance, the first time.
+void Equilibration::take(Index cell, const Matrix& energy, Matrix& by_moments) {
+  const Index nodes = corners_ * of_facet_ / dim_;
+  const Matrix inverse = edges(cell).inverse();
+  Matrix turned(energy.rows(), corners_ * of_facet_);
+  for (Index node = 0; node < nodes; ++node) {
+    const double eta = sign(cell, node * dim_ / of_facet_);
+    turned.middleCols(node * dim_, dim_).noalias() =
+        eta * energy.middleCols(node * dim_, dim_) * inverse;
+  }
+  if (!condensed_[cell]) {
+    const Vector own = data(cell);
+    energies_(cell) = own.dot(energy * own);
+    slopes_.col(cell) = turned.transpose() * own;
+    condensed_[cell] = true;
+  }
+  by_moments.resize(corners_ * of_facet_, corners_ * of_facet_);
+  for (Index node = 0; node < nodes; ++node) {
+    const double eta = sign(cell, node * dim_ / of_facet_);
+    by_moments.middleRows(node * dim_, dim_).noalias() =
+        eta * inverse.transpose() * turned.middleRows(node * dim_, dim_);
+  }
+}
+
+const Vector& Equilibration::relax(int most_sweeps, double enough) {
+  const double bytes = 8.0 * static_cast<double>(corners_ * of_facet_ * corners_ * of_facet_);
+  const auto most = static_cast<std::size_t>(std::max(64.0, most_bytes / bytes));
+  Patch patch;
+  patch.place.assign(static_cast<std::size_t>(count_), -1);
+  for (std::size_t star = 0; star < stars_.size(); ++star) {
+    for (const Index f : stars_[star]) {
+      for (const Index cell : facets_[f].cells) {
+        if (cell >= 0 && patch.place[cell] < 0) {
+          patch.place[cell] = static_cast<Index>(patch.cells.size());
+          patch.cells.push_back(cell);
+        }
+      }
+    }
+    if (patch.cells.size() > most || star + 1 == stars_.size()) {
+      patch.end = star + 1;
+      sweep(patch, most_sweeps, enough);
+    }
+  }
+  for (Index cell = 0; cell < count_; ++cell) {  // whose facets all have given tractions
+    if (!condensed_[cell]) {
+      patch.cells.push_back(cell);
+    }
+  }
+  patch.energies.resize(patch.cells.size());
+  condense(patch.cells, patch.energies);
+  return energies_;
+}
+
+void Equilibration::sweep(Patch& patch, int most_sweeps, double enough) {
+  patch.energies.resize(patch.cells.size());
+  condense(patch.cells, patch.energies);
+  const auto left = [&] {
+    double sum = 0.0;
+    for (const Index cell : patch.cells) {
+      sum += energies_(cell);
+    }
+    return sum;
+  };
+  double before = left();
+  for (int round = 0; round < most_sweeps; ++round) {
+    for (std::size_t k = patch.begin; k < patch.end; ++k) {
+      relax_star(stars_[round % 2 == 0 ? k : patch.begin + patch.end - 1 - k], patch);
+    }
+    const double now = left();
+    if (now > (1.0 - enough) * before) {
+      break;
+    }
+    before = now;
+  }
+  for (const Index cell : patch.cells) {
+    patch.place[cell] = -1;
+  }
+  patch.cells.clear();
+  patch.begin = patch.end;
+}
+
+/// The facets of a star with their cells.
+struct Equilibration::Star {
+  Star(const Equilibration& whole, const std::vector<Index>& changing)
+      : of(whole), facets(changing) {
+    for (const Index f : facets) {
+      for (const Index cell : of.facets_[f].cells) {
+        grounded = grounded || cell < 0;
+        if (cell >= 0 && std::ranges::find(cells, cell) == cells.end()) {
+          cells.push_back(cell);
+        }
+      }
+    }
+  }
+
+  [[nodiscard]] Index size() const { return static_cast<Index>(facets.size()) * of.of_facet_; }
+  [[nodiscard]] Index motions() const { return of.dim_ == 2 ? 3 : 6; }
+  /// Forces and moments that are kept: of the last cell they follow where no support takes a part in them.
+  [[nodiscard]] Index kept() const {
+    return (static_cast<Index>(cells.size()) - (grounded ? 0 : 1)) * motions();
+  }
+  /// Number of a facet in a cell; -1: it is none of it.
+  [[nodiscard]] Index number(Index f, Index cell) const {
+    const Facet& facet = of.facets_[f];
+    return facet.cells[0] == cell   ? facet.numbers[0]
+           : facet.cells[1] == cell ? facet.numbers[1]
+                                    : Index{-1};
+  }
+
+  /// Force and moment (motions, moments of a facet) of a facet on its first cell.
+  [[nodiscard]] Matrix resultants(Index f) const {
+    const Vector origin = of.places_.col(facets.front()).head(of.dim_);
+    Matrix out = Matrix::Zero(motions(), of.of_facet_);
+    for (Index node = 0; node < of.of_facet_ / of.dim_; ++node) {
+      const Vector arm = of.places_.col(f).segment(node * of.dim_, of.dim_) - origin;
+      auto block = out.middleCols(node * of.dim_, of.dim_);
+      block.topRows(of.dim_).setIdentity();
+      Index turn = of.dim_;
+      for (Index a = 0; a < of.dim_; ++a) {
+        for (Index b = a + 1; b < of.dim_; ++b, ++turn) {
+          block(turn, a) = -arm(b);
+          block(turn, b) = arm(a);
+        }
+      }
+    }
+    return out;
+  }
+
+  void assemble(const Patch& patch, Matrix& matrix, Matrix& balance, Vector& right) const {
+    const Index width = of.of_facet_;
+    for (std::size_t i = 0; i < facets.size(); ++i) {
+      const auto at = static_cast<Index>(i) * width;
+      const Matrix own = resultants(facets[i]);
+      for (std::size_t q = 0; q < cells.size(); ++q) {
+        const Index one = number(facets[i], cells[q]);
+        if (one < 0) {
+          continue;
+        }
+        right.segment(at, width) -= of.slopes_.col(cells[q]).segment(one * width, width);
+        const Matrix& energy = patch.energies[patch.place[cells[q]]];
+        for (std::size_t j = 0; j < facets.size(); ++j) {
+          if (const Index other = number(facets[j], cells[q]); other >= 0) {
+            matrix.block(at, static_cast<Index>(j) * width, width, width) +=
+                energy.block(one * width, other * width, width, width);
+          }
+        }
+        if (const Index row = static_cast<Index>(q) * motions(); row < kept()) {
+          balance.block(row, at, motions(), width) =
+              of.facets_[facets[i]].cells[0] == cells[q] ? own : Matrix(-own);
+        }
+      }
+    }
+  }
+
+  /// The change (moments of all facets) that takes most of the energy.
+  [[nodiscard]] Vector change(const Patch& patch) const {
+    Matrix matrix = Matrix::Zero(size(), size());
+    Matrix balance = Matrix::Zero(kept(), size());
+    Vector right = Vector::Zero(size());
+    assemble(patch, matrix, balance, right);
+    matrix.selfadjointView<Eigen::Lower>().rankUpdate(balance.transpose(),
+                                                      matrix.trace() / balance.squaredNorm());
+    const Eigen::LLT<Matrix, Eigen::Lower> factor(matrix);
+    const Matrix through = factor.matrixL().solve(balance.transpose());
+    Vector step = factor.matrixL().solve(right);
+    const Eigen::LDLT<Matrix> forces(through.transpose() * through);
+    for (int round = 0; round < 2; ++round) {  // the second one takes the rounding of the first
+      step -= through * forces.solve(through.transpose() * step);
+    }
+    return factor.matrixU().solve(step);
+  }
+
+  const Equilibration& of;
+  const std::vector<Index>& facets;
+  std::vector<Index> cells;
+  bool grounded = false;
+};
+
+/// The change of the tractions of a star that takes most of the energy and keeps force and moment of every cell.
+void Equilibration::relax_star(const std::vector<Index>& facets, const Patch& patch) {
+  const Star star(*this, facets);
+  if (star.size() <= star.kept()) {
+    return;
+  }
+  const Vector change = star.change(patch);
+  if (!change.allFinite()) {
+    return;  // a sliver: its tractions stay as they are, which are in balance, too
+  }
+  for (std::size_t i = 0; i < facets.size(); ++i) {
+    moments_.col(facets[i]) += change.segment(static_cast<Index>(i) * of_facet_, of_facet_);
+  }
+  Vector own(corners_ * of_facet_);
+  for (const Index cell : star.cells) {
+    own.setZero();
+    for (std::size_t i = 0; i < facets.size(); ++i) {
+      if (const Index number = star.number(facets[i], cell); number >= 0) {
+        own.segment(number * of_facet_, of_facet_) =
+            change.segment(static_cast<Index>(i) * of_facet_, of_facet_);
+      }
+    }
+    const Vector steeper = patch.energies[patch.place[cell]] * own;
+    energies_(cell) += own.dot(2.0 * slopes_.col(cell) + steeper);
+    slopes_.col(cell) += steeper;
+  }
+}
+
+}  // namespace latin::equilibration

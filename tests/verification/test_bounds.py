@@ -1,0 +1,200 @@
+"""Bounds of the error in energy against closed forms: bars under their own weight, of linear stress (nu = 0).
+
+The exact energy is known, that of the error is the difference (Galerkin's orthogonality), and quadratic
+displacements are exact. So a bound is at least the true error, and nothing where there is none.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dolfinx_frontend as lf
+from dolfinx_frontend.common.arrays import Array
+
+E, WEIGHT, LENGTH, WIDTH = 200.0, 3e-3, 2.0, 1.0
+SPRINGS = 40.0
+ROUNDING = 1e-6
+"""Of a bound that is nothing, relative to the answer: roots of rounding."""
+
+
+def box(dim: int, origin: float, divisions: int, length: float = LENGTH) -> Any:
+    """A bar along y from `origin`, of triangles or tetrahedra."""
+    sizes = [WIDTH, length] + [WIDTH] * (dim - 2)
+    start = [0.0, origin] + [0.0] * (dim - 2)
+    cells = [divisions, 2 * divisions] + [divisions] * (dim - 2)
+    return lf.geometry.box(sizes, cells, origin=start, cell="triangle" if dim == 2 else "tetrahedron")
+
+
+def down(dim: int, value: float) -> list[float]:
+    """A vector along -y."""
+    return [0.0, -value] + [0.0] * (dim - 2)
+
+
+def bar(dim: int, degree: int, joint: Any = None, divisions: int = 2) -> lf.Problem:
+    """One bar, or two on each other, under their weight; what stands above slides on planes of symmetry."""
+    scene = lf.Scene()
+    steel = lf.LinearElastic(E=E, nu=0.0)
+    names = ["a"] if joint is None else ["a", "b"]
+    for k, name in enumerate(names):
+        mesh = box(dim, k * LENGTH, divisions)
+        scene.substructure(name, mesh, steel, degree=degree, body_force=down(dim, WEIGHT))
+        for face in ("x0", "z0")[: dim - 1]:
+            scene.interface(f"{name} {face}", f"{name}:{face}", lf.Symmetry())
+    if joint is not None:
+        scene.interface("joint", "a:y1", "b:y0", joint)
+    scene.fix("a:y0")
+    return lf.assemble(scene)
+
+
+def energy(parts: int) -> float:
+    """Twice the strain energy of the bars: int (w (h - y))^2 / E over their height h."""
+    height = parts * LENGTH
+    return WEIGHT**2 * height**3 / (3.0 * E) * WIDTH
+
+
+def strain(answer: Any) -> float:
+    """Twice the strain energy of an answer."""
+    fields = {name: answer.unknowns(name) for name in answer.problem.substructures}
+    return sum(float(u @ (answer.problem.substructures[n].matrix @ u)) for n, u in fields.items())
+
+
+LAWS = {
+    "one": None,
+    "glued": lf.Perfect(),
+    "springs": lf.Elastic(normal=SPRINGS, tangential=SPRINGS),
+    "contact": lf.Contact(),
+    "soft contact": lf.Contact(stiffness=SPRINGS),
+    "threshold": lf.Contact(threshold=1.0),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_linear_stress_is_bounded_on_linear_cells(dim: int, law: str) -> None:
+    answer = lf.solve(bar(dim, 1, LAWS[law]), options=lf.Options(rtol=1e-10))
+    bound = answer.errors(kind="bound")
+    parts = len(answer.problem.substructures)
+    # a contact or a spring carries the upper weight whatever the mesh: its energy is exact
+    true = float(np.sqrt(energy(parts) - strain(answer)))
+    assert bound.strict, bound.notes
+    # with friction the shear of the cells' diagonals reaches the joint
+    assert 1.0 <= bound.total / true < (3.0 if law == "threshold" else 1.6)
+    assert bound.whole == pytest.approx(float(np.sqrt(strain(answer))))
+    assert set(bound.parts) == set(answer.problem.substructures)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_nothing_is_left_of_an_exact_answer(dim: int, law: str) -> None:
+    answer = lf.solve(bar(dim, 2, LAWS[law], 1), options=lf.Options(rtol=1e-12))
+    bound = answer.errors(kind="bound")
+    assert bound.strict, bound.notes
+    assert strain(answer) == pytest.approx(energy(len(answer.problem.substructures)), rel=1e-10)
+    assert bound.relative < ROUNDING
+
+
+def test_an_answer_that_has_not_converged_is_not_proven() -> None:
+    problem = bar(2, 2, lf.Contact(stiffness=SPRINGS), 1)
+    rough = lf.solve(problem, method="latin", options=lf.Options(max_iterations=3, rtol=1e-12, newton=0))
+    assert not rough.converged
+    bound = rough.errors(kind="bound")
+    assert not bound.strict and "balance at nodes" in bound.notes[-1]
+
+
+def test_loads_on_faces_and_temperature() -> None:
+    """Clamped and heated between walls: the stress is constant, and so are tractions of all kinds."""
+    scene = lf.Scene()
+    scene.substructure("a", box(2, 0.0, 2), lf.LinearElastic(E=E, nu=0.0, alpha=1e-4), degree=1)
+    scene.fix("a:y0")
+    scene.interface("side", "a:x0", lf.Symmetry())
+    scene.traction("a:y1", (0.0, -0.1))
+    scene.pressure("a:y1", 0.2)
+    scene.force("a:y1", (0.0, -0.3))
+    scene.temperature("a", 10.0)
+    answer = lf.solve(lf.assemble(scene))
+    bound = answer.errors(kind="bound")
+    # it is free to expand but where it is glued
+    assert bound.strict and 0.0 < bound.relative < 0.3
+    scene.pressure("a:x1", lambda x: 0.1 * np.exp(4.0 * x[:, 1]))
+    bent = lf.solve(lf.assemble(scene)).errors(kind="bound")
+    assert not bent.strict and any("polynomial" in note for note in bent.notes)
+
+
+def test_finer_meshes_have_smaller_bounds() -> None:
+    found = [lf.solve(bar(2, 1, lf.Contact(), k)).errors(kind="bound").relative for k in (2, 4, 8)]
+    # of order 1: the weight is balanced in the mean of a cell only
+    assert found[0] / found[1] == pytest.approx(2.0, rel=0.05)
+    assert found[1] / found[2] == pytest.approx(2.0, rel=0.05)
+
+
+def test_every_unit_says_the_same() -> None:
+    def scaled(length: float, stress: float) -> float:
+        scene = lf.Scene()
+        mesh = lf.geometry.box((length, 2.0 * length), (2, 4), cell="triangle")
+        scene.substructure("a", mesh, lf.LinearElastic(E=E * stress, nu=0.3), degree=1)
+        scene.fix("a:y0")
+        scene.traction("a:y1", (1e-3 * stress, 0.0))
+        return lf.solve(lf.assemble(scene)).errors(kind="bound").relative
+
+    assert scaled(1e3, 1e6) == pytest.approx(scaled(1.0, 1.0), rel=1e-9)
+    assert scaled(1e-6, 1e-3) == pytest.approx(scaled(1.0, 1.0), rel=1e-9)
+
+
+def test_what_has_no_bound_says_so() -> None:
+    scene = lf.Scene()
+    for name, origin, n in (("a", 0.0, 2), ("b", LENGTH, 3)):
+        scene.substructure(name, box(2, origin, n), lf.LinearElastic(E=E, nu=0.3), degree=1)
+    scene.interface("joint", "a:y1", "b:y0", lf.Elastic(normal=SPRINGS, tangential=SPRINGS))
+    scene.fix("a:y0")
+    scene.traction("b:y1", (1e-3, 0.0))
+    bound = lf.solve(lf.assemble(scene)).errors(kind="bound")
+    assert not bound.strict and "'joint' joins meshes that do not match" in bound.notes
+    assert "about" in repr(bound) and "no bound" in str(bound)
+
+    rubbing = lf.solve(bar(2, 1, lf.Contact(friction=0.3))).errors(kind="bound")
+    assert not rubbing.strict and "'joint'" in rubbing.notes[0]
+
+
+def hexahedra() -> Any:
+    scene = lf.Scene()
+    cube = lf.geometry.box((1.0, 1.0, 1.0), (1, 1, 1))
+    scene.substructure("a", cube, lf.LinearElastic(E=E, nu=0.3), degree=1)
+    scene.fix("a:z0")
+    scene.traction("a:z1", (0.0, 0.0, -1e-3))
+    return lf.solve(lf.assemble(scene))
+
+
+def random_springs() -> Any:
+    problem = bar(2, 1, lf.Elastic(normal=lf.Uniform("k", 30.0, 50.0), tangential=SPRINGS))
+    return lf.solve(problem, chaos=lf.Chaos(order=1))
+
+
+REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
+    "hexahedra": (hexahedra, {}, "hexahedron cells of degree 1"),
+    "chaos": (random_springs, {}, "the answer is a"),
+    "quantity": (lambda: lf.solve(bar(2, 1, lf.Perfect())), {"quantity": "joint"}, "leave the quantity out"),
+    "kind": (lambda: lf.solve(bar(2, 1)), {"kind": "proof"}, "kind"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_bounded_is_refused(case: str) -> None:
+    make, given, why = REFUSED[case]
+    with pytest.raises(lf.SceneError, match=why):
+        make().errors(**{"kind": "bound", **given})
+
+
+def test_history_of_linear_laws_is_bounded_at_its_end() -> None:
+    scene = lf.Scene()
+    scene.substructure("a", box(2, 0.0, 2), lf.LinearElastic(E=E, nu=0.3), degree=1)
+    scene.fix("a:y0")
+    ramp = lf.Amplitude([0.0, 1.0], [0.0, 1.0])
+    scene.traction("a:y1", ramp * (1e-3, 0.0))
+    problem = lf.assemble(scene)
+    history = lf.solve(problem, times=[0.5, 1.0]).errors(kind="bound")
+    assert history.strict
+    static: Array = np.array([lf.solve(problem.at(1.0)).errors(kind="bound").total])
+    assert history.total == pytest.approx(static[0], rel=1e-9)
