@@ -139,7 +139,7 @@ def _of_one_part(faces: _Faces, members: list[_Where]) -> dict[_Where, Held]:
             beside = faces.facets(other)
             if other == where or not np.isin(nodes, beside.face_nodes(space)).any():
                 continue
-            support = len(theirs.faces) == 1 and theirs.law.prescribes == "jump"
+            support = len(theirs.faces) == 1 and theirs.law.rigid and not theirs.law.unilateral
             first = before < at or glued(other[0])
             if support:
                 found.append(held(other))

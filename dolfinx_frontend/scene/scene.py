@@ -38,6 +38,7 @@ from dolfinx_frontend.scene.laws import (
     Displacement,
     Elastic,
     Elimination,
+    Held,
     Law,
     Linked,
     Preload,
@@ -70,7 +71,7 @@ from dolfinx_frontend.scene.specs import (
     SubstructureSpec,
     check_face,
 )
-from dolfinx_frontend.scene.values import Value, is_plain, is_random_field, is_uncertain, largest
+from dolfinx_frontend.scene.values import Value, is_plain, is_random_field, is_uncertain, is_zero, largest
 
 __all__ = ["Scene"]
 
@@ -92,6 +93,15 @@ def _check_expansion(where: str, alpha: float, dT: float) -> None:
     cause = f"alpha in 1e-6 per kelvin? {alpha:g}e-6 is one" if alpha >= LIMITS.friction else "alpha, or dT?"
     beyond(f"{where}: alpha dT = {alpha:g} x {dT:g} is a strain of {strain:.3g}, more than "
            f"{LIMITS.thermal_strain:.0%}: {cause}")
+
+
+def _support(value: Any, components: Any, frame: Any, during: Any, kept: Any) -> Displacement:
+    """The law of a support, which may come and go."""
+    if during is not None:
+        return Held(value, components, frame, during, kept)
+    if not is_zero(kept):
+        raise SceneError(f"fix: kept = {short(kept)} without during; say when it holds, during=((start, end),)")
+    return Displacement(value, components, frame)
 
 
 def _components_of(value: Any) -> list[Any] | None:
@@ -375,6 +385,8 @@ class Scene(Shown):
         components: Sequence[int] | int | None = None,
         name: str | None = None,
         frame: Sequence[Sequence[float]] | None = None,
+        during: Sequence[tuple[float, float]] | None = None,
+        kept: Value = 0.0,
     ) -> None:
         """Prescribe the displacement, of all or of some components (0 is x).
 
@@ -385,6 +397,13 @@ class Scene(Shown):
         ----------
         frame
             Rows: axes (d, d) in global components along which the components are; None: the global ones.
+        during
+            Intervals (start, end] of a history in which it holds; outside of them it carries nothing. None: at
+            all times.
+        kept
+            Where it holds again: share of the distance from its value, at the last step before, that is left. 0
+            brings the face to its value, 1 holds it where it was (or moves it on from there with a value that
+            changes), an Amplitude times 1 goes from one to the other.
         """
         vector = _components_of(value)
         if vector is not None and components is None:
@@ -392,12 +411,11 @@ class Scene(Shown):
                 self._one_sided(
                     f"displacement.{'xyz'[k]}",
                     faces,
-                    Displacement(each, (k,), frame),
+                    _support(each, (k,), frame, during, kept),
                     None if name is None else f"{name}.{'xyz'[k]}",
                 )
             return
-        law = Displacement(value, components, frame)  # type: ignore[arg-type]  # one axis or several
-        self._one_sided("displacement", faces, law, name)
+        self._one_sided("displacement", faces, _support(value, components, frame, during, kept), name)
 
     @journaled
     def rigid(
@@ -482,10 +500,12 @@ class Scene(Shown):
         name: str | None = None,
         frame: Sequence[Sequence[float]] | None = None,
         nearest: bool = False,
+        during: Sequence[tuple[float, float]] | None = None,
+        kept: Value = 0.0,
     ) -> None:
         """Prescribe the displacement of a node of a part, of all or of some components (0 is x).
 
-        Random components make one interface each, and `frame` has other axes, as in :meth:`fix`.
+        Random components make one interface each; `frame`, `during` and `kept` are those of :meth:`fix`.
 
         Parameters
         ----------
@@ -504,9 +524,9 @@ class Scene(Shown):
         if vector is not None and components is None:
             for k, each in enumerate(vector):
                 own = f"{name or f'point({part}: {shown})'}.{'xyz'[k]}"
-                self._remote(own, (Face(part, f"({shown})"),), Displacement(each, (k,), frame), remote)
+                self._remote(own, (Face(part, f"({shown})"),), _support(each, (k,), frame, during, kept), remote)
             return
-        law = Displacement(value, components, frame)  # type: ignore[arg-type]  # one axis or several
+        law = _support(value, components, frame, during, kept)
         self._remote(name or f"point({part}: {shown})", (Face(part, f"({shown})"),), law, remote)
 
     @journaled

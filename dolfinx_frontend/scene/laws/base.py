@@ -114,7 +114,7 @@ class Fields:
     ----------
     kind
         Kernel law: ``"perfect"``, ``"elastic"``, ``"force"``, ``"contact"``, ``"coulomb"``,
-        ``"debonding"``, ``"preload"``; or ``"user "`` and a name, if the law has functions.
+        ``"debonding"``, ``"held"``, ``"preload"``; or ``"user "`` and a name, if the law has functions.
     components
         Unknown components at a point: a frictionless law has one.
     frames
@@ -579,6 +579,11 @@ class Law:
     @property
     def locked(self) -> Law:
         """The law that holds in its place while its force is not controlled."""
+        return self
+
+    @property
+    def released(self) -> Law:
+        """The law that holds in its place while its force is controlled."""
         return self
 
     def tightened(self, points: Points, times: Array) -> int | None:
