@@ -126,7 +126,7 @@ class Links:
             face = {n for n in self.mesh.face(side) if n < len(self.model.x)}
             for k in [k for k, nodes in joined.items() if nodes >= face]:
                 for node, shares in self.mesh.between(side).items():
-                    known = all(("u", n, k) in self.history.curves for n in shares)
+                    known = all(self.history.lasts(("u", n, k)) for n in shares)
                     if (node, k) not in seen and not known:
                         seen.add((node, k))
                         follows = {(n, k): w for n, w in shares.items()}
@@ -324,7 +324,8 @@ class Links:
                 name = self.model.node_names[node]
                 raise first.error(f"node {name} moves a rigid body or a bolt: hold it, or join other nodes")
         for each in self.sums:
-            for dof in [d for d in each.terms if ("u", *d) in curves and d[0] not in self.model.transforms]:
+            own = [d for d in each.terms if d[0] not in self.model.transforms]
+            for dof in [d for d in own if self.history.lasts(("u", *d))]:
                 each.take(dof, {}, curves["u", *dof])
         for key, curve in curves.items():
             if key[0] == "u" and key[1] in used and key[1] not in solid and key[1] in self.model.transforms:
