@@ -105,7 +105,8 @@ def held_nodes(
             part = substructures.get(face.substructure)
             if len(joint.faces) == 1 and frames_of(part) is not None:
                 continue  # points without facets
-            if face.substructure in members and joint.law.rigid and joint.remote is None:
+            holds = joint.law.rigid and joint.law.released is joint.law  # at all times
+            if face.substructure in members and holds and joint.remote is None:
                 members[face.substructure].append((name, number))
     out: dict[_Where, Held] = {}
     for several in members.values():
@@ -139,7 +140,7 @@ def _of_one_part(faces: _Faces, members: list[_Where]) -> dict[_Where, Held]:
             beside = faces.facets(other)
             if other == where or not np.isin(nodes, beside.face_nodes(space)).any():
                 continue
-            support = len(theirs.faces) == 1 and theirs.law.rigid and not theirs.law.unilateral
+            support = len(theirs.faces) == 1 and theirs.law.prescribes == "jump"
             first = before < at or glued(other[0])
             if support:
                 found.append(held(other))

@@ -35,6 +35,7 @@ from dolfinx_frontend.common.recorded import Journal, journaled
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.bolts import BoltStiffness
 from dolfinx_frontend.scene.laws import (
+    Contact,
     Displacement,
     Elastic,
     Elimination,
@@ -567,8 +568,9 @@ class Scene(Shown):
         terms: Sequence[tuple[str, Sequence[float], Sequence[float]]],
         value: Value = 0.0,
         stiffness: Value | None = None,
+        gap: Value | None = None,
     ) -> None:
-        """Give a sum of displacements of nodes, or put a spring on it: an equation between nodes.
+        """Give a sum of displacements of nodes, or put a spring or a stop on it: an equation between nodes.
 
         Parameters
         ----------
@@ -580,6 +582,10 @@ class Scene(Shown):
         stiffness
             Of the spring whose length grows by the sum, force / length; None: it is rigid. With a `value` the
             spring has no force there; parameters ``"<name>.normal"`` and ``"<name>.jump"``.
+        gap
+            The sum may grow, and fall by so much, length, before something pushes against it, rigidly or with
+            the stiffness: a stop, a node that meets a face; parameters ``"<name>.gap"``,
+            ``"<name>.stiffness"``.
         """
         where = f"link {checked_name('link', name)!r}"
         sums: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {}
@@ -594,6 +600,10 @@ class Scene(Shown):
         if not any(any(along) for each in sums.values() for _, along in each):
             raise SceneError(f"{where}: every direction is 0; give one that is not")
         law: Law = Linked(value) if stiffness is None else Elastic(normal=stiffness, jump=value)
+        if gap is not None:
+            if not is_zero(value):
+                raise SceneError(f"{where}: value = {short(value)} and a gap are given: give one")
+            law = Contact(gap=gap, stiffness=stiffness)
         remote = Remote(sums=tuple(map(tuple, sums.values())))
         self._remote(name, tuple(Face(part, f"({name})") for part in sums), law, remote)
 

@@ -14,7 +14,7 @@ from dolfinx_frontend.decks.abaqus.history import History, Step
 from dolfinx_frontend.decks.abaqus.interfaces import Joints, cuts_of, references_of
 from dolfinx_frontend.decks.abaqus.links import Links
 from dolfinx_frontend.decks.abaqus.loads import Loads
-from dolfinx_frontend.decks.abaqus.materials import expansion_of, material_of, number_of, thickness_of
+from dolfinx_frontend.decks.abaqus.materials import expansion_of, material_of, number_of
 from dolfinx_frontend.decks.abaqus.model import Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh
 from dolfinx_frontend.decks.lines import DeckError
@@ -108,7 +108,7 @@ class InpDeck:
             Cells that make no mesh, and what a scene refuses.
         """
         pieces = self._mesh.pieces
-        thickness = thickness_of(self._model, self._mesh)
+        thickness = self._joints.thickness
         parts = self._mesh.parts(self._faces.of_piece)
         scene = Scene(axisymmetric=pieces[0].kind.plane == "axisymmetric")
         try:

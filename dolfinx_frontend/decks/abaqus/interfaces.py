@@ -16,9 +16,11 @@ from dolfinx_frontend.decks.abaqus.elements import KINDS, listed
 from dolfinx_frontend.decks.abaqus.faces import Faces, Sides
 from dolfinx_frontend.decks.abaqus.facets import Distance, Facets
 from dolfinx_frontend.decks.abaqus.history import Curve, History, combined
-from dolfinx_frontend.decks.abaqus.links import Links, unused
+from dolfinx_frontend.decks.abaqus.links import Links, Sum, unused
+from dolfinx_frontend.decks.abaqus.materials import thickness_of
 from dolfinx_frontend.decks.abaqus.model import Interaction, Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs
+from dolfinx_frontend.decks.abaqus.points import areas_at, over
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
 from dolfinx_frontend.scene.scene import Scene
@@ -104,6 +106,7 @@ class Joints:
 
     def __init__(self, mesh: Mesh, history: History, faces: Faces, links: Links) -> None:
         self.model, self.mesh, self.history, self.faces, self.links = mesh.model, mesh, history, faces, links
+        self.thickness = thickness_of(mesh.model, mesh)
         self.joints: list[Joint] = []
         self.bodies: list[Body] = []
 
@@ -215,20 +218,31 @@ class Joints:
         return math.copysign(1.0, cosine)
 
     # --- contact ------------------------------------------------------------------------------------
-    def _surfaces(self, card: Card, row: Row) -> tuple[list[str], list[Sides]]:
+    def _surfaces(self, card: Card, row: Row) -> tuple[list[str], Sides, Sides, list[int]]:
+        """Names, faces of the slave and of the master, and nodes of the slave that are on no face of it."""
         if len(row.words) < 2 or not row.words[1]:
             raise card.error("one surface only, contact with itself is not read; name two", row.where)
         names = [w.upper() for w in row.words[:2]]
-        return names, [self.mesh.sides(self.model.root, card, w, row.where) for w in names]
+        (slave, alone), (master, _) = (
+            self.mesh.surface(self.model.root, card, w, row.where) for w in names
+        )
+        if not master or not (slave or alone):
+            wrong = names[0] if master else names[1]
+            raise card.error(f"the surface {wrong!r} has no face of an element; give faces", row.where)
+        return names, slave, master, alone
 
     def _contact(self, card: Card, row: Row) -> None:
-        names, (slave, master) = self._surfaces(card, row)
+        names, slave, master, alone = self._surfaces(card, row)
         named = card.need("INTERACTION")
         interaction = self.model.interactions.get(named)
         if interaction is None:
             known = ", ".join(self.model.interactions) or "none"
             raise card.error(f"there is no interaction {named!r} (known: {known}); define it")
         self._formulation(card)
+        if alone:
+            self._stops(card, row, names, alone, Facets(self.mesh, master), interaction)
+        if not slave:
+            return
         gap = self._gap(card, row, names, Facets(self.mesh, slave), Facets(self.mesh, master))
         apart = Facets(self.mesh, slave).distance(Facets(self.mesh, master))
         law = self._law(named, interaction, gap, apart)
@@ -237,6 +251,36 @@ class Joints:
             raise card.error("both surfaces are the same; name two", row.where)
         reach = apart.least + _REACH * apart.facet if gap is None else max(apart.most, 0.0)
         self._join(f"{names[0]}|{names[1]}", law, first, second, reach, card, row.where)
+
+    def _stops(
+        self, card: Card, row: Row, names: list[str], nodes: list[int], master: Facets, interaction: Interaction
+    ) -> None:
+        """Single nodes that meet faces: each is a stop."""
+        stiffness, tied = self._behavior(interaction)
+        if tied or interaction.friction is not None or self.mesh.pieces[0].kind.plane == "axisymmetric":
+            what = "tied" if tied else "axisymmetric" if interaction.friction is None else "with friction"
+            self.model.note("refused", card, f"contact of single nodes that is {what}: give a surface of faces",
+                            row.where)
+            return
+        areas, adjusted = areas_at(self.mesh, nodes), self._adjusted(card, row)
+        stated, lost = self._clearance(names), []
+        for node in nodes:
+            below = over(self.mesh, master, node) if node in self.mesh.pieces_of_node else None
+            if below is None:
+                lost.append(self.model.node_names[node])
+                continue
+            gap = below.distance if stated is None else stated
+            if stated is None and adjusted is not None:
+                wanted, tolerance = adjusted
+                gap = 0.0 if (node in wanted if wanted else gap <= tolerance) else gap
+            own = {n: -share for n, share in below.shares.items()} | {node: 1.0}
+            terms = {(n, k + 1): w * float(c) for n, w in own.items() for k, c in enumerate(below.normal) if c}
+            yields = None if stiffness is None else stiffness * areas[node]
+            name = f"{names[0]} node {self.model.node_names[node]}|{names[1]}"
+            self.links.stops.append((Sum(terms, card, row.where, yields), name, gap))
+        if lost:
+            shown = ", ".join(lost[:4]) + (", ..." if len(lost) > 4 else "")
+            self.model.note("changed", card, f"nodes over no face of {names[1]} meet nothing: {shown}", row.where)
 
     def _join(
         self,
@@ -260,22 +304,32 @@ class Joints:
             self.model.note("changed", card, f"{kind}: discretised by mortar multipliers")
         self.model.note("changed", card, "sliding is small: faces meet where they are meshed")
 
-    def _gap(
-        self, card: Card, row: Row, names: list[str], slave: Facets, master: Facets
-    ) -> Any:
-        """The gap that the deck states, a number or a function of the points; None: as meshed."""
+    def _clearance(self, names: list[str]) -> float | None:
+        """The clearance that a card of its own states."""
         for other in self.model.joints:
             if other.keyword == "CLEARANCE" and [other.need("SLAVE"), other.need("MASTER")] == names:
                 other.parameters["_USED"] = ""
                 return other.number(Row(other.where, [other.need("VALUE")]), 0, "VALUE")
+        return None
+
+    def _adjusted(self, card: Card, row: Row) -> tuple[set[int] | None, float] | None:
+        """Nodes that ADJUST puts onto the other surface, None: those within a distance; None: it says nothing."""
         word = card.get("ADJUST")
-        if word is None or not word or word == "NO":
+        if not word or word == "NO":
             return None
-        wanted, tolerance, apart = None, 0.0, slave.distance(master)
         try:
-            tolerance = card.number(Row(card.where, [word]), 0, "ADJUST")
+            return None, card.number(Row(card.where, [word]), 0, "ADJUST")
         except DeckError:
-            wanted = set(self.model.root.node_rows(card, word, row.where))
+            return set(self.model.root.node_rows(card, word, row.where)), 0.0
+
+    def _gap(
+        self, card: Card, row: Row, names: list[str], slave: Facets, master: Facets
+    ) -> Any:
+        """The gap that the deck states, a number or a function of the points; None: as meshed."""
+        stated, adjusted = self._clearance(names), self._adjusted(card, row)
+        if stated is not None or adjusted is None:
+            return stated
+        (wanted, tolerance), apart = adjusted, slave.distance(master)
         all_of_it = set(listed(slave.nodes[slave.nodes < len(self.model.x)]))
         if (
             apart.most <= tolerance * (1.0 + 1e-6) + _TOUCHING * apart.extent if wanted is None
@@ -323,7 +377,7 @@ class Joints:
             raise card.error(f"its stiffness is {stiffness:g}; it is > 0", row.where)
         if kind != "TIED":
             self.model.note("changed", card, f"{kind}: a contact stiffness of {stiffness:.6g} per area")
-        return stiffness, kind == "TIED"
+        return stiffness * self.thickness, kind == "TIED"
 
     def _friction(self, card: Card) -> tuple[float, float | None]:
         """Coefficient of friction, and the stiffness of sticking points."""
@@ -335,7 +389,7 @@ class Joints:
         mu = card.number(card.rows[0], 0, "friction coefficient")
         if mu < 0.0:
             raise card.error(f"the coefficient {mu:g} is negative; it is >= 0", card.rows[0].where)
-        stick = card.number(card.rows[0], 1, "stick slope", 0.0) or None
+        stick = card.number(card.rows[0], 1, "stick slope", 0.0) * self.thickness or None
         if stick is not None and stick < 0.0:
             raise card.error(f"the stick slope {stick:g} is negative; it is > 0", card.rows[0].where)
         if len(card.rows) > 1:
@@ -351,7 +405,10 @@ class Joints:
         if not card.rows:
             raise card.error("it has no surfaces; name two in the next line")
         for row in card.rows:
-            _, (slave, master) = self._surfaces(card, row)
+            _, slave, master, alone = self._surfaces(card, row)
+            self._tie_nodes(card, row, alone, Facets(self.mesh, master))
+            if not slave:
+                continue
             word = card.get("POSITIONTOLERANCE")
             reach = None if word is None else card.number(Row(card.where, [word]), 0, "POSITION TOLERANCE")
             if reach is None:
@@ -360,6 +417,14 @@ class Joints:
             names = [w.upper() for w in row.words[:2]]
             first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
             self._join(name, Perfect(), first, second, reach, card, row.where)
+
+    def _tie_nodes(self, card: Card, row: Row, nodes: list[int], master: Facets) -> None:
+        for node in nodes:
+            below = over(self.mesh, master, node)
+            if below is None:
+                name = self.model.node_names[node]
+                raise card.error(f"node {name} lies over no face of {row.words[1]!r}; take it out", row.where)
+            self.links.tie(card, row.where, node, below.shares)
 
     def _rigid_body(self, card: Card) -> None:
         root, mesh = self.model.root, self.mesh

@@ -23,7 +23,7 @@ from dolfinx_frontend.decks.abaqus.pieces import Mesh
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.scene import Scene
 
-__all__ = ["Links", "unused"]
+__all__ = ["Links", "Sum", "unused"]
 
 Dof = tuple[int, int]
 """A node, and 1 to 3 of its displacements, 4 to 6 of its rotations, about global axes."""
@@ -72,6 +72,8 @@ class Links:
         Nodes that stand for rigid bodies and bolts.
     rods
         Displacements that a rod shortens, its force, and what gave it.
+    stops
+        Sums that may not fall below a gap, each with its name and the gap.
     shared
         Nodes at which two pieces hang together that share no faces: node, and pieces.
     """
@@ -84,6 +86,7 @@ class Links:
     others: set[int] = field(default_factory=set)
     shared: list[tuple[int, int, int]] = field(default_factory=list)
     rods: list[tuple[dict[Dof, float], Curve, Given]] = field(default_factory=list)
+    stops: list[tuple[Sum, str, float]] = field(default_factory=list)
 
     @property
     def dim(self) -> int:
@@ -307,6 +310,11 @@ class Links:
                         terms[at] = terms.get(at, 0.0) - float(of_turns[k])
                 self._add(card, card.where, [terms])
 
+    def tie(self, card: Card, where: Where, node: int, shares: Mapping[int, float]) -> None:
+        """A node moves as a point between others."""
+        for k in range(1, self.dim + 1):
+            self._add(card, where, [{(node, k): -1.0}, {(n, k): share for n, share in shares.items()}])
+
     # --- taking the reference nodes out --------------------------------------------------------------
     def reduce(self, bodies: set[int]) -> None:
         """Take out what is given, and the displacements of nodes that belong to no solid.
@@ -397,7 +405,8 @@ class Links:
                 terms = [(pieces[p].name, x, [s * a for a in axis]) for p, s in zip(both, (-1.0, 1.0))]
                 with placed(card.where, card.keyword):
                     scene.link(unused(f"node {self.model.node_names[node]} {'xyz'[k]}", used), terms)
-        for each in self.sums:
+        every = [(each, f"{each.card.keyword.lower()} {each.where.line}", None) for each in self.sums]
+        for each, label, gap in (*every, *self.stops):
             vectors: dict[int, list[float]] = {}
             for (node, k), c in each.terms.items():
                 if k > d:
@@ -411,9 +420,8 @@ class Links:
                 (pieces[next(p for p in own if p in parts)].name, listed(self.mesh.x[node, :d]), vector)
                 for own, (node, vector) in zip(options, vectors.items())
             ]
-            name = unused(f"{each.card.keyword.lower()} {each.where.line}", used)
             with placed(each.where, each.card.keyword):
-                scene.link(name, terms, self.history.value(each.value), each.stiffness)
+                scene.link(unused(label, used), terms, self.history.value(each.value), each.stiffness, gap)
 
     def _parts(self, options: list[list[int]]) -> set[int] | None:
         """One or two parts, each node in one of them."""

@@ -238,6 +238,15 @@ class Mesh:
 
     def sides(self, scope: Scope, card: Card, word: str, where: Where) -> dict[int, Pairs]:
         """Faces of a surface by piece: of faces, or those of which all nodes are in a surface of nodes."""
+        found, _ = self.surface(scope, card, word, where)
+        if not found:
+            raise card.error(f"the surface {word!r} has no face of an element; give faces", where)
+        return found
+
+    def surface(
+        self, scope: Scope, card: Card, word: str, where: Where
+    ) -> tuple[dict[int, Pairs], list[int]]:
+        """The same, which may be none, and the nodes of a surface of nodes that are on none of them."""
         model = self.model
         scope, surface = scope.surface(card, word, where)
         pairs: Pairs = []
@@ -260,9 +269,7 @@ class Mesh:
             if not self.outside(side):
                 raise surface.card.error(f"the surface {surface.name!r} runs inside a part; give outer faces")
             out.setdefault(int(self.of_element[side[0]]), []).append(side)
-        if not out:
-            raise surface.card.error(f"the surface {surface.name!r} has no face of an element; give faces")
-        return out
+        return out, sorted(wanted.difference(*map(self.face, pairs)))
 
     def parts(self, faces: Mapping[int, Mapping[str, Pairs]]) -> dict[str, Part]:
         """The meshes, with named faces by piece.
