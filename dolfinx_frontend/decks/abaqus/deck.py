@@ -108,7 +108,6 @@ class InpDeck:
             Cells that make no mesh, and what a scene refuses.
         """
         pieces = self._mesh.pieces
-        thickness = self._joints.thickness
         parts = self._mesh.parts(self._faces.of_piece)
         scene = Scene(axisymmetric=pieces[0].kind.plane == "axisymmetric")
         try:
@@ -118,7 +117,7 @@ class InpDeck:
                 )
             self._joints.put(scene)
             self._links.put(scene)
-            self._loads.put(scene, self.densities, self._alphas, thickness)
+            self._loads.put(scene, self.densities, self._alphas)
         except DeckError:
             raise
         except SceneError as error:

@@ -365,6 +365,8 @@ class History:
             return (phase.start, before), (phase.end, given.value)
         table, total_time = self._amplitude(name, given)
         shift = 0.0 if total_time else phase.start
+        if given.card.get("TIMEDELAY") is not None:
+            shift += given.card.number(Row(given.card.where, [given.card.need("TIMEDELAY")]), 0, "TIME DELAY")
         inside = [t + shift for t, _ in table if phase.start < t + shift < phase.end]
         points = [(t, given.value * _at(table, t - shift)) for t in (phase.start, *inside, phase.end)]
         if points[0][1] != before and phase.start > 0.0:

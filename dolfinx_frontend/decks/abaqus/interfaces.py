@@ -106,7 +106,6 @@ class Joints:
 
     def __init__(self, mesh: Mesh, history: History, faces: Faces, links: Links) -> None:
         self.model, self.mesh, self.history, self.faces, self.links = mesh.model, mesh, history, faces, links
-        self.thickness = thickness_of(mesh.model, mesh)
         self.joints: list[Joint] = []
         self.bodies: list[Body] = []
 
@@ -245,7 +244,7 @@ class Joints:
             return
         gap = self._gap(card, row, names, Facets(self.mesh, slave), Facets(self.mesh, master))
         apart = Facets(self.mesh, slave).distance(Facets(self.mesh, master))
-        law = self._law(named, interaction, gap, apart)
+        law = self._law(named, interaction, gap, apart, self._thickness(card, row.where, slave))
         first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
         if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
             raise card.error("both surfaces are the same; name two", row.where)
@@ -275,7 +274,8 @@ class Joints:
                 gap = 0.0 if (node in wanted if wanted else gap <= tolerance) else gap
             own = {n: -share for n, share in below.shares.items()} | {node: 1.0}
             terms = {(n, k + 1): w * float(c) for n, w in own.items() for k, c in enumerate(below.normal) if c}
-            yields = None if stiffness is None else stiffness * areas[node]
+            thickness = self._thickness(card, row.where, self.mesh.pieces_of_node[node])
+            yields = None if stiffness is None else stiffness * areas[node] * thickness
             name = f"{names[0]} node {self.model.node_names[node]}|{names[1]}"
             self.links.stops.append((Sum(terms, card, row.where, yields), name, gap))
         if lost:
@@ -303,6 +303,14 @@ class Joints:
         if "MORTAR" not in kind:
             self.model.note("changed", card, f"{kind}: discretised by mortar multipliers")
         self.model.note("changed", card, "sliding is small: faces meet where they are meshed")
+
+    def _thickness(self, card: Card, where: Where, pieces: Iterable[int]) -> float:
+        """Of what a surface belongs to."""
+        found = sorted({thickness_of(self.mesh.pieces[p]) for p in pieces})
+        if len(found) > 1:
+            shown = ", ".join(f"{t:g}" for t in found)
+            raise card.error(f"parts of different thicknesses ({shown}); give each a pair of its own", where)
+        return found[0]
 
     def _clearance(self, names: list[str]) -> float | None:
         """The clearance that a card of its own states."""
@@ -338,9 +346,10 @@ class Joints:
             return 0.0
         return slave.adjusted(master, wanted, tolerance)
 
-    def _law(self, name: str, interaction: Interaction, gap: Any, apart: Distance) -> Law:
+    def _law(self, name: str, interaction: Interaction, gap: Any, apart: Distance, thickness: float) -> Law:
         stiffness, tied = self._behavior(interaction)
         mu, stick = (0.0, None) if interaction.friction is None else self._friction(interaction.friction)
+        stiffness, stick = (None if k is None else k * thickness for k in (stiffness, stick))
         curve = self.history.changing(name, mu, lambda card: self._friction(card)[0])
         friction = self.history.value(curve) if any(v for _, v in curve) else None
         if tied:
@@ -377,7 +386,7 @@ class Joints:
             raise card.error(f"its stiffness is {stiffness:g}; it is > 0", row.where)
         if kind != "TIED":
             self.model.note("changed", card, f"{kind}: a contact stiffness of {stiffness:.6g} per area")
-        return stiffness * self.thickness, kind == "TIED"
+        return stiffness, kind == "TIED"
 
     def _friction(self, card: Card) -> tuple[float, float | None]:
         """Coefficient of friction, and the stiffness of sticking points."""
@@ -389,7 +398,7 @@ class Joints:
         mu = card.number(card.rows[0], 0, "friction coefficient")
         if mu < 0.0:
             raise card.error(f"the coefficient {mu:g} is negative; it is >= 0", card.rows[0].where)
-        stick = card.number(card.rows[0], 1, "stick slope", 0.0) * self.thickness or None
+        stick = card.number(card.rows[0], 1, "stick slope", 0.0) or None
         if stick is not None and stick < 0.0:
             raise card.error(f"the stick slope {stick:g} is negative; it is > 0", card.rows[0].where)
         if len(card.rows) > 1:

@@ -100,18 +100,20 @@ class Links:
     # --- reading -------------------------------------------------------------------------------------
     def collect(self) -> None:
         """The sums of the cards of the model."""
-        springs = {k for k, e in enumerate(self.model.elements) if e.kind.startswith("SPRING")}
+        springs = {k for k, e in enumerate(self.model.elements) if e.kind.startswith(("SPRING", "GAP"))}
         for scope, card in self.model.links:
             if card.keyword == "EQUATION":
                 self._equations(scope, card)
             elif card.keyword == "SPRING":
                 springs -= self._springs(scope, card)
+            elif card.keyword == "GAP":
+                springs -= self._gaps(scope, card)
             elif card.keyword == "DISTRIBUTING COUPLING":
                 self._distributing(scope, card)
         self._between()
         self._tighten()
         if springs:
-            raise self.model.elements[min(springs)].error("it has no *SPRING; give its set one")
+            raise self.model.elements[min(springs)].error("it has no *SPRING or *GAP; give its set one")
 
     def _between(self) -> None:
         """Where equations join all nodes of a face, the nodes between them follow them, as in elements of the
@@ -247,6 +249,27 @@ class Links:
                     self.along(n, c, s, along) for n, c, s in zip(nodes, components, (1.0, -1.0))
                 ]
             self._add(card, self.model.elements[e].where, terms, stiffness)
+        return set(members)
+
+    def _gaps(self, scope: Scope, card: Card) -> set[int]:
+        """Two nodes each that come no nearer along a direction than a clearance lets them."""
+        members = scope.element_rows(card, card.need("ELSET"), card.where)
+        if not card.rows or any(self.model.elements[e].kind != "GAPUNI" for e in members):
+            raise card.error("it has a line of clearance and direction, and elements GAPUNI; correct it")
+        row = card.rows[0]
+        gap, *along = (card.number(row, k, "clearance or direction") for k in range(4))
+        stiffness = card.number(row, 5, "stiffness", 0.0)
+        length = float(np.linalg.norm(along))
+        if not length > 0.0 or stiffness < 0.0:
+            raise card.error("its direction has a length, its stiffness is >= 0; correct them", row.where)
+        for e in members:
+            element = self.model.elements[e]
+            terms = {
+                (node, k + 1): sign * c / length
+                for node, sign in zip(element.nodes, (-1.0, 1.0)) for k, c in enumerate(along) if c
+            }
+            name = f"gap {'-'.join(self.model.node_names[n] for n in element.nodes)}"
+            self.stops.append((Sum(terms, card, element.where, stiffness or None), name, gap))
         return set(members)
 
     def orientation(self, scope: Scope, card: Card) -> Axes | None:

@@ -19,6 +19,7 @@ from dolfinx_frontend.decks.abaqus.elements import listed
 from dolfinx_frontend.decks.abaqus.faces import Faces
 from dolfinx_frontend.decks.abaqus.history import Curve, Given, History, Hold, combined
 from dolfinx_frontend.decks.abaqus.links import Links, unused
+from dolfinx_frontend.decks.abaqus.materials import thickness_of
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs, Piece
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.scene import Scene
@@ -215,9 +216,7 @@ class Loads:
     def _name(self, label: str) -> str:
         return unused(label, self._used)
 
-    def put(
-        self, scene: Scene, densities: Mapping[str, float], alphas: Mapping[str, Any], thickness: float
-    ) -> None:
+    def put(self, scene: Scene, densities: Mapping[str, float], alphas: Mapping[str, Any]) -> None:
         """Add all to a scene that has the parts and the joints."""
         self._used = set(scene.interfaces) | set(scene.loads)
         zero: Curve = ((0.0, 0.0),)
@@ -242,10 +241,10 @@ class Loads:
         for curve, given, asked in self._pressures:
             for p, face, _ in self.faces.named(asked):
                 with placed(given.row.where, given.card.keyword):
-                    value = self.history.value(curve) * thickness
+                    value = self.history.value(curve) * thickness_of(self.mesh.pieces[p])
                     scene.pressure(self.faces.text(p, face), value, self._name(f"pressure {given.target}"))
         self._forces(scene)
-        self._body_forces(scene, densities, thickness)
+        self._body_forces(scene, densities)
         self._temperatures(scene, alphas)
 
     def _forces(self, scene: Scene) -> None:
@@ -265,7 +264,7 @@ class Loads:
                 force = tuple(self.history.value(curves.get(k, zero)) for k in range(1, self.dim + 1))
                 scene.point_force(self.mesh.pieces[p].name, x, force, self._name(f"force {given.target}"))
 
-    def _body_forces(self, scene: Scene, densities: Mapping[str, float], thickness: float) -> None:
+    def _body_forces(self, scene: Scene, densities: Mapping[str, float]) -> None:
         groups: dict[tuple[Any, ...], set[int]] = {}
         for key, curve in self.history.curves.items():
             if key[0] == "b" and any(v for _, v in curve):
@@ -281,12 +280,13 @@ class Loads:
                 raise given.error(f"{label} on some elements of {piece.name!r}: give it to all of them, or "
                                   "the others a *SOLID SECTION of their own")
             value, name = self.history.value(curve), self._name(f"{label} {piece.name}")
+            density *= thickness_of(piece)
             direction = np.array(axis[-3:]) / np.linalg.norm(axis[-3:])
             if label == "GRAV":
-                force = tuple(value * float(density * thickness * c) for c in direction[: self.dim])
+                force = tuple(value * float(density * c) for c in direction[: self.dim])
                 scene.body_force(piece.name, force, name)
             else:
-                field = _outward(density * thickness, np.array(axis[:3]), direction)
+                field = _outward(density, np.array(axis[:3]), direction)
                 scene.body_force(piece.name, _times(value, field), name)
 
     def _temperatures(self, scene: Scene, alphas: Mapping[str, Any]) -> None:

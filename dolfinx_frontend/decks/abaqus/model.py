@@ -221,7 +221,7 @@ class Model:
         elif card.keyword in ("CONTACT PAIR", "TIE", "PRE-TENSION SECTION", "RIGID BODY", "CLEARANCE",
                               "KINEMATIC COUPLING"):
             self.joints.append(card)
-        elif card.keyword in ("EQUATION", "SPRING", "DISTRIBUTING COUPLING"):
+        elif card.keyword in ("EQUATION", "SPRING", "GAP", "DISTRIBUTING COUPLING"):
             self.links.append((scope, card))
         elif card.keyword in ("BOUNDARY", "INITIAL CONDITIONS"):
             self.early.append(card)
