@@ -277,7 +277,7 @@ class Joints:
             thickness = self._thickness(card, row.where, self.mesh.pieces_of_node[node])
             yields = None if stiffness is None else stiffness * areas[node] * thickness
             name = f"{names[0]} node {self.model.node_names[node]}|{names[1]}"
-            self.links.stops.append((Sum(terms, card, row.where, yields), name, gap))
+            self.links.sums.append(Sum(terms, card, row.where, yields, gap=gap, name=name))
         if lost:
             shown = ", ".join(lost[:4]) + (", ..." if len(lost) > 4 else "")
             self.model.note("changed", card, f"nodes over no face of {names[1]} meet nothing: {shown}", row.where)

@@ -34,13 +34,21 @@ _ROUNDING = 1e-12
 
 @dataclass
 class Sum:
-    """Coefficients of displacements, what their sum is, and the stiffness of a spring; None: it is rigid."""
+    """Coefficients of displacements, what their sum is, and the stiffness of a spring; None: it is rigid. With a
+    gap the sum may be larger, and smaller by that."""
 
     terms: dict[Dof, float]
     card: Card
     where: Where
     stiffness: float | None = None
     value: Curve = ((0.0, 0.0),)
+    gap: float | None = None
+    name: str = ""
+
+    @property
+    def rigid(self) -> bool:
+        """Whether it is an equation."""
+        return self.stiffness is None and self.gap is None
 
     def error(self, text: str) -> DeckError:
         """The error of its row, to be raised."""
@@ -72,8 +80,6 @@ class Links:
         Nodes that stand for rigid bodies and bolts.
     rods
         Displacements that a rod shortens, its force, and what gave it.
-    stops
-        Sums that may not fall below a gap, each with its name and the gap.
     shared
         Nodes at which two pieces hang together that share no faces: node, and pieces.
     """
@@ -86,7 +92,6 @@ class Links:
     others: set[int] = field(default_factory=set)
     shared: list[tuple[int, int, int]] = field(default_factory=list)
     rods: list[tuple[dict[Dof, float], Curve, Given]] = field(default_factory=list)
-    stops: list[tuple[Sum, str, float]] = field(default_factory=list)
 
     @property
     def dim(self) -> int:
@@ -257,7 +262,7 @@ class Links:
         if not card.rows or any(self.model.elements[e].kind != "GAPUNI" for e in members):
             raise card.error("it has a line of clearance and direction, and elements GAPUNI; correct it")
         row = card.rows[0]
-        gap, *along = (card.number(row, k, "clearance or direction") for k in range(4))
+        gap, *along = (card.number(row, k, "clearance or direction", 0.0) for k in range(4))
         stiffness = card.number(row, 5, "stiffness", 0.0)
         length = float(np.linalg.norm(along))
         if not length > 0.0 or stiffness < 0.0:
@@ -269,7 +274,7 @@ class Links:
                 for node, sign in zip(element.nodes, (-1.0, 1.0)) for k, c in enumerate(along) if c
             }
             name = f"gap {'-'.join(self.model.node_names[n] for n in element.nodes)}"
-            self.stops.append((Sum(terms, card, element.where, stiffness or None), name, gap))
+            self.sums.append(Sum(terms, card, element.where, stiffness or None, gap=gap, name=name))
         return set(members)
 
     def orientation(self, scope: Scope, card: Card) -> Axes | None:
@@ -364,14 +369,14 @@ class Links:
                 self.sums.append(Sum(terms, given.card, given.row.where, None, curve))
         for node, k in sorted({d for each in self.sums for d in each.terms if d[0] not in solid}):
             self._eliminate((node, k))
-        rigid = [each for each in self.sums if each.stiffness is None and not each.terms]
+        rigid = [each for each in self.sums if each.rigid and not each.terms]
         if any(abs(v) > 0.0 for each in rigid for _, v in each.value):
             wrong = next(each for each in rigid if any(v for _, v in each.value))
             raise wrong.error("supports contradict it; take one of them out")
         self.sums = [each for each in self.sums if each.terms]
 
     def _eliminate(self, dof: Dof) -> None:
-        rigid = [e for e in self.sums if e.stiffness is None and abs(e.terms.get(dof, 0.0)) > 0.0]
+        rigid = [e for e in self.sums if e.rigid and abs(e.terms.get(dof, 0.0)) > 0.0]
         if not rigid:
             left = next((e for e in self.sums if dof in e.terms), None)
             if left is not None:
@@ -428,8 +433,7 @@ class Links:
                 terms = [(pieces[p].name, x, [s * a for a in axis]) for p, s in zip(both, (-1.0, 1.0))]
                 with placed(card.where, card.keyword):
                     scene.link(unused(f"node {self.model.node_names[node]} {'xyz'[k]}", used), terms)
-        every = [(each, f"{each.card.keyword.lower()} {each.where.line}", None) for each in self.sums]
-        for each, label, gap in (*every, *self.stops):
+        for each in self.sums:
             vectors: dict[int, list[float]] = {}
             for (node, k), c in each.terms.items():
                 if k > d:
@@ -443,8 +447,13 @@ class Links:
                 (pieces[next(p for p in own if p in parts)].name, listed(self.mesh.x[node, :d]), vector)
                 for own, (node, vector) in zip(options, vectors.items())
             ]
+            name = unused(each.name or f"{each.card.keyword.lower()} {each.where.line}", used)
+            value, gap = self.history.value(each.value), None
+            if each.gap is not None:
+                left = combined([(1.0, ((0.0, each.gap),)), (-1.0, each.value)])
+                value, gap = 0.0, self.history.value(left)
             with placed(each.where, each.card.keyword):
-                scene.link(unused(label, used), terms, self.history.value(each.value), each.stiffness, gap)
+                scene.link(name, terms, value, each.stiffness, gap)
 
     def _parts(self, options: list[list[int]]) -> set[int] | None:
         """One or two parts, each node in one of them."""
