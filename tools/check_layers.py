@@ -294,6 +294,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     ),
     "decks": (
         "lines",
+        "fields",
         "abaqus.keywords",
         "abaqus.cards",
         "abaqus.axes",

@@ -101,7 +101,7 @@ def _support(value: Any, components: Any, frame: Any, during: Any, kept: Any) ->
     if during is not None:
         return Held(value, components, frame, during, kept)
     if not is_zero(kept):
-        raise SceneError(f"fix: kept = {short(kept)} without during; say when it holds, during=((start, end),)")
+        raise SceneError(f"fix: kept = {short(kept)} without during; say when it holds: during=((0, 1),)")
     return Displacement(value, components, frame)
 
 
@@ -399,11 +399,11 @@ class Scene(Shown):
         frame
             Rows: axes (d, d) in global components along which the components are; None: the global ones.
         during
-            Intervals (start, end] of a history in which it holds; outside of them it carries nothing. None: at
-            all times.
+            Intervals (start, end] of a history in which it holds; outside of them it carries nothing. None:
+            at all times.
         kept
-            Where it holds again: share of the distance from its value, at the last step before, that is left. 0
-            brings the face to its value, 1 holds it where it was (or moves it on from there with a value that
+            Share of the distance from its value, at the last step before an interval, that is left. 0 brings
+            the face to its value, 1 holds it where it was (or moves it on from there with a value that
             changes), an Amplitude times 1 goes from one to the other.
         """
         vector = _components_of(value)
@@ -525,7 +525,8 @@ class Scene(Shown):
         if vector is not None and components is None:
             for k, each in enumerate(vector):
                 own = f"{name or f'point({part}: {shown})'}.{'xyz'[k]}"
-                self._remote(own, (Face(part, f"({shown})"),), _support(each, (k,), frame, during, kept), remote)
+                law = _support(each, (k,), frame, during, kept)
+                self._remote(own, (Face(part, f"({shown})"),), law, remote)
             return
         law = _support(value, components, frame, during, kept)
         self._remote(name or f"point({part}: {shown})", (Face(part, f"({shown})"),), law, remote)

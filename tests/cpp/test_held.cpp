@@ -14,7 +14,8 @@ TEST(HeldLaw, RemembersWhereItLetGo) {
   const Matrix free = Matrix::Random(2, 10);
   Matrix force(2, 10);
   law->resolve({2, free, c, 5}, force);
-  const Matrix off = (free - c.asDiagonal() * force).colwise() - (Vector(2) << 0.25, -0.5).finished();
+  const Vector value = (Vector(2) << 0.25, -0.5).finished();
+  const Matrix off = (free - c.asDiagonal() * force).colwise() - value;
   for (const int step : {1, 4, 6}) {
     EXPECT_EQ(force.col(step).norm(), 0.0);
   }

@@ -87,7 +87,7 @@ class History:
     curves, given
         Key -> curve, and the last that gave it.
     fixed
-        Node of a bolt or body -> number of the step from which on its displacements stay what they are (FIXED).
+        Node of a bolt or body -> step from which on its displacements stay what they are (FIXED).
     start_temperatures
         Node -> temperature without thermal strain.
     increments
@@ -301,12 +301,12 @@ class History:
             elif end == math.inf:
                 kept = self.kept[key]
                 self.spans[key][-1] = start, phase.start
-                self.kept[key] = (*kept, *({phase.start: kept[-1][1]}.items() if kept[-1][0] < phase.start else ()))
+                self.kept[key] = kept if kept[-1][0] == phase.start else (*kept, (phase.start, kept[-1][1]))
         elif key[1] not in self.fixed:
             card = next(c for c in cards if c.keyword == "BOUNDARY" and c.get("OP") == "NEW")
             node = self.model.node_names[key[1]]
-            self.model.note("refused", card, f"OP=NEW takes a support of node {node} away, which belongs to no "
-                            "solid or moves a body: these last")
+            self.model.note("refused", card, f"OP=NEW takes a support of node {node} away, which belongs "
+                            "to no solid or moves a body: these last")
 
     def _hold(self, key: Key, given: Given, phase: _Phase) -> bool:
         """Begin a support, or go on with it; whether it goes from where its node is to a constant value."""
@@ -315,8 +315,8 @@ class History:
             return False
         if phase.number > 1 and key[1] in self.references and key[1] not in self.bolts:
             name = self.model.node_names[key[1]]
-            self.model.note("refused", given.card, f"node {name} is held from step {phase.number} on, but belongs "
-                            "to no solid or moves a body: its supports last from the first step on",
+            self.model.note("refused", given.card, f"node {name} is held from step {phase.number} on, but "
+                            "belongs to no solid or moves a body: its supports last from the first step on",
                             given.row.where)
         spans.append((phase.start, math.inf))
         stays, at_once = "FIXED" in given.card.parameters, phase.at_once or bool(given.card.get("AMPLITUDE"))
@@ -341,7 +341,8 @@ class History:
         for key, given in found.items():
             before = self._last(key)
             if key[0] == "u":
-                given = [each._replace(value=before) if "FIXED" in each.card.parameters else each for each in given]
+                if "FIXED" in given[0].card.parameters:
+                    given = [given[0]._replace(value=before)]
                 before = given[0].value if self._hold(key, given[0], phase) else before
             self.given[key] = given[0]
             self.forced.setdefault(key, []).append(phase.number)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.axes import Axes
-from dolfinx_frontend.decks.abaqus.cards import Card, Row, Where, placed
+from dolfinx_frontend.decks.abaqus.cards import Card, Row, placed
 from dolfinx_frontend.decks.abaqus.elements import KINDS, listed
 from dolfinx_frontend.decks.abaqus.faces import Faces, Sides
 from dolfinx_frontend.decks.abaqus.facets import Distance, Facets
@@ -21,6 +21,7 @@ from dolfinx_frontend.decks.abaqus.materials import thickness_of
 from dolfinx_frontend.decks.abaqus.model import Interaction, Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs
 from dolfinx_frontend.decks.abaqus.points import areas_at, over
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
 from dolfinx_frontend.scene.scene import Scene
@@ -252,14 +253,15 @@ class Joints:
         self._join(f"{names[0]}|{names[1]}", law, first, second, reach, card, row.where)
 
     def _stops(
-        self, card: Card, row: Row, names: list[str], nodes: list[int], master: Facets, interaction: Interaction
+        self, card: Card, row: Row, names: list[str], nodes: list[int], master: Facets,
+        interaction: Interaction,
     ) -> None:
         """Single nodes that meet faces: each is a stop."""
         stiffness, tied = self._behavior(interaction)
         if tied or interaction.friction is not None or self.mesh.pieces[0].kind.plane == "axisymmetric":
             what = "tied" if tied else "axisymmetric" if interaction.friction is None else "with friction"
-            self.model.note("refused", card, f"contact of single nodes that is {what}: give a surface of faces",
-                            row.where)
+            said = f"contact of single nodes that is {what}: give a surface of faces"
+            self.model.note("refused", card, said, row.where)
             return
         areas, adjusted = areas_at(self.mesh, nodes), self._adjusted(card, row)
         stated, lost = self._clearance(names), []
@@ -273,14 +275,16 @@ class Joints:
                 wanted, tolerance = adjusted
                 gap = 0.0 if (node in wanted if wanted else gap <= tolerance) else gap
             own = {n: -share for n, share in below.shares.items()} | {node: 1.0}
-            terms = {(n, k + 1): w * float(c) for n, w in own.items() for k, c in enumerate(below.normal) if c}
+            along = [(k, float(c)) for k, c in enumerate(below.normal, start=1) if c]
+            terms = {(n, k): w * c for n, w in own.items() for k, c in along}
             thickness = self._thickness(card, row.where, self.mesh.pieces_of_node[node])
             yields = None if stiffness is None else stiffness * areas[node] * thickness
             name = f"{names[0]} node {self.model.node_names[node]}|{names[1]}"
             self.links.sums.append(Sum(terms, card, row.where, yields, gap=gap, name=name))
         if lost:
             shown = ", ".join(lost[:4]) + (", ..." if len(lost) > 4 else "")
-            self.model.note("changed", card, f"nodes over no face of {names[1]} meet nothing: {shown}", row.where)
+            said = f"nodes over no face of {names[1]} meet nothing: {shown}"
+            self.model.note("changed", card, said, row.where)
 
     def _join(
         self,
@@ -321,7 +325,8 @@ class Joints:
         return None
 
     def _adjusted(self, card: Card, row: Row) -> tuple[set[int] | None, float] | None:
-        """Nodes that ADJUST puts onto the other surface, None: those within a distance; None: it says nothing."""
+        """Nodes that ADJUST puts onto the other surface, or None, and within which distance; None: it says
+        nothing."""
         word = card.get("ADJUST")
         if not word or word == "NO":
             return None

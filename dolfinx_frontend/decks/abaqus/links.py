@@ -15,11 +15,12 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.decks.abaqus.axes import Axes, axes_of
-from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, Where, placed
+from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, placed
 from dolfinx_frontend.decks.abaqus.elements import RODS, listed
 from dolfinx_frontend.decks.abaqus.history import Curve, Given, History, combined
 from dolfinx_frontend.decks.abaqus.model import Model, Scope
 from dolfinx_frontend.decks.abaqus.pieces import Mesh
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.scene import Scene
 
@@ -34,8 +35,8 @@ _ROUNDING = 1e-12
 
 @dataclass
 class Sum:
-    """Coefficients of displacements, what their sum is, and the stiffness of a spring; None: it is rigid. With a
-    gap the sum may be larger, and smaller by that."""
+    """Coefficients of displacements, what their sum is, and the stiffness of a spring; None: it is rigid.
+    With a gap the sum may be larger, and smaller by that."""
 
     terms: dict[Dof, float]
     card: Card

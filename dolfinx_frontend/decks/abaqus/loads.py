@@ -130,7 +130,8 @@ class Loads:
     def _held_faces(self, p: int, piece: Piece, taken: set[tuple[int, int]]) -> dict[int, set[int]]:
         """Faces of which all nodes are held along one direction; returns the components held at each node."""
         count = len(self._held)
-        rest = next((k for k, h in enumerate(self._holds) if not h.during and not any(v for _, v in h.curve)), -1)
+        clamps = (not h.during and not any(v for _, v in h.curve) for h in self._holds)
+        rest = next((k for k, clamps_it in enumerate(clamps) if clamps_it), -1)
         groups: dict[tuple[tuple[int, ...], tuple[float, ...]], Pairs] = {}
         for side in piece.exterior:
             if side in taken:

@@ -16,9 +16,10 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.decks.abaqus.cards import Card, Where
+from dolfinx_frontend.decks.abaqus.cards import Card
 from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, Kind, face_nodes, listed, middles
 from dolfinx_frontend.decks.abaqus.model import Model, Scope, Section
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.geometry.gmsh import assembled
 from dolfinx_frontend.geometry.meshed import Meshed
 from dolfinx_frontend.geometry.parts import Part

@@ -22,8 +22,8 @@ _ROUNDS, _CLOSE = 20, 1e-14
 
 
 class Over(NamedTuple):
-    """A node over a face: shares of the nodes of the face in the displacement below it, normal (3,) out of the
-    face, and distance along it, negative inside."""
+    """A node over a face: shares of the nodes of the face in the displacement below it, normal (3,) out of
+    the face, and distance along it, negative inside."""
 
     shares: dict[int, float]
     normal: Array

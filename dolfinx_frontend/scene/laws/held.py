@@ -25,8 +25,8 @@ class Held(Displacement):
     during
         Intervals (start, end] in which it holds, in order; in between it carries nothing.
     kept
-        Share of the distance to its value, at the last step before an interval, that is left: 0 holds the face
-        at its value, 1 where it was. A number, or an Amplitude times one.
+        Share of the distance from its value, at the last step before an interval, that is left: 0 holds the
+        face at its value, 1 where it was. A number, or an Amplitude times one.
     """
 
     during: tuple[tuple[float, float], ...] = ()

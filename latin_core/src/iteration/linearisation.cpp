@@ -318,7 +318,8 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
     for (Index column = 0; column < sizes.size(); ++column) {
       const double size = larger(sizes(column), least);
       const auto points = state.data.col(column).segment(at, weights.size());
-      const double of_terms = larger(data.col(column)(rows).norm(), weights.cwiseProduct(points).norm());
+      const double of_terms =
+          larger(data.col(column)(rows).norm(), weights.cwiseProduct(points).norm());
       if (!(size <= nothing) && !(missing(column) <= rounding * of_terms)) {
         largest = larger(largest, missing(column) / size);
       }
