@@ -248,3 +248,12 @@ kept = 1.0
     scene.to_deck(again)
     twice = lf.solve(lf.assemble(lf.read_deck(again).scene), times=[1.0, 2.0, 3.0])
     assert np.array_equal(twice.unknowns("bar"), result.unknowns("bar"))
+
+
+def test_what_it_prescribes_contradicts_others_while_it_holds() -> None:
+    def build(scene: lf.Scene) -> None:
+        scene.fix("bar:z0", 0.01, 2, "lift", during=((1, 2),))
+
+    with pytest.raises(lf.SceneError, match="'lift' and 'root' prescribe different displacements at 2"):
+        solved(build, [1.0, 2.0])
+    assert solved(build, [0.5, 1.0]).converged

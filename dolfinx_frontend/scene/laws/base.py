@@ -581,6 +581,10 @@ class Law:
         """The law that holds in its place while its force is not controlled."""
         return self
 
+    def prescribed(self, time: float) -> Law | None:
+        """The law that prescribes displacements in its place at a time; None: it does not, or always."""
+        return None
+
     @property
     def released(self) -> Law:
         """The law that holds in its place while its force is controlled."""

@@ -12,6 +12,7 @@ from dolfinx_frontend.scene.laws.base import Elimination, Fields, Law, Points, r
 from dolfinx_frontend.scene.laws.displacement import Displacement
 from dolfinx_frontend.scene.laws.intervals import checked_intervals, missed, within
 from dolfinx_frontend.scene.laws.traction import Traction
+from dolfinx_frontend.scene.values import evaluate
 
 __all__ = ["Held"]
 
@@ -64,6 +65,10 @@ class Held(Displacement):
     def skipped(self, times: Array) -> str:
         span = missed(times, self.during)
         return "" if span is None else f"it holds after {span[0]:g} up to {span[1]:g}, and no step is there"
+
+    def prescribed(self, time: float) -> Law | None:
+        kept = evaluate(self.at(time).kept, np.zeros((1, 1)), 1, "fix: kept")
+        return None if self.controlled(time) or np.any(kept) else self.locked
 
     @property
     def locked(self) -> Law:
