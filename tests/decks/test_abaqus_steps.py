@@ -173,6 +173,17 @@ def test_tied_single_nodes_follow_the_face(tmp_path: Path) -> None:
         assert foot > 1e-4
 
 
+def test_surfaces_of_solids_in_the_same_place(tmp_path: Path) -> None:
+    one = Brick("C3D8", "ONE", (1.0, 1.0, 1.0), (1, 1, 1))
+    two = Brick("C3D8", "TWO", (1.0, 1.0, 2.0), (2, 2, 2), (0.0, 0.0, -1.0), 1000)
+    deck = f"{one.text()}{two.text()}{STEEL}*TIE, NAME=GLUE\nSTWO_Z1, SONE_Z1\n"
+    with pytest.raises(DeckError, match="TIE: both surfaces face the same way: their solids are in the same"):
+        deck_of(tmp_path, deck + step("*BOUNDARY", "ONE_Z0, 1, 3"))
+    deck = deck.replace("STWO_Z1, SONE_Z1", "SONE_Z1, SONE_Z1")
+    with pytest.raises(DeckError, match="both surfaces are the same; name two"):
+        deck_of(tmp_path, deck + step("*BOUNDARY", "ONE_Z0, 1, 3"))
+
+
 def test_gaps(tmp_path: Path) -> None:
     """Four gaps of .02 beside an end that a force of 10 would move by .1: the rest is theirs, .08 times 100."""
     brick, text = bar()

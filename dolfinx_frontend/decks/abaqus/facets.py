@@ -108,6 +108,13 @@ class Facets:
         values = np.where(touching, 0.0, gaps)[known]
         return lambda x: np.asarray(values[tree.query(x)[1]])
 
+    def inside(self, other: Facets) -> bool:
+        """Whether those that lie over another surface all face the way that it does, as where two solids are
+        in the same place."""
+        _, near, beside = other.under(self.centres)
+        alike = np.einsum("kd,kmd->km", self.normals, other.normals[near])[beside <= other.radii[near]]
+        return bool(alike.size and alike.min() > 0.0)
+
     def meets(self, other: Facets, reach: float) -> bool:
         """Whether a facet of one lies over one of the other, nearer than that."""
         return self._over(other, reach) or other._over(self, reach)

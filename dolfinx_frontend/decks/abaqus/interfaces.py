@@ -229,6 +229,11 @@ class Joints:
         if not master or not (slave or alone):
             wrong = names[0] if master else names[1]
             raise card.error(f"the surface {wrong!r} has no face of an element; give faces", row.where)
+        if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
+            raise card.error("both surfaces are the same; name two", row.where)
+        if slave and Facets(self.mesh, slave).inside(Facets(self.mesh, master)):
+            raise card.error("both surfaces face the same way: their solids are in the same place; name faces "
+                             "that face each other, or move a part", row.where)
         return names, slave, master, alone
 
     def _contact(self, card: Card, row: Row) -> None:
@@ -247,8 +252,6 @@ class Joints:
         apart = Facets(self.mesh, slave).distance(Facets(self.mesh, master))
         law = self._law(named, interaction, gap, apart, self._thickness(card, row.where, slave))
         first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
-        if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
-            raise card.error("both surfaces are the same; name two", row.where)
         reach = apart.least + _REACH * apart.facet if gap is None else max(apart.most, 0.0)
         self._join(f"{names[0]}|{names[1]}", law, first, second, reach, card, row.where)
 

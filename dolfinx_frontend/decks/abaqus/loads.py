@@ -237,8 +237,9 @@ class Loads:
             x = listed(self.mesh.x[node, : self.dim])
             with placed(given.row.where, given.card.keyword):
                 value = self.history.value(hold.curve)
-                own = self._name(f"{given.target} node"), _unless_global(axes), False, *self._timed(hold)
-                scene.fix_point(self.mesh.pieces[p].name, x, value, components, *own)
+                part, name = self.mesh.pieces[p].name, self._name(f"{given.target} node")
+                timed = self._timed(hold)
+                scene.fix_point(part, x, value, components, name, _unless_global(axes), False, *timed)
         for curve, given, asked in self._pressures:
             for p, face, _ in self.faces.named(asked):
                 with placed(given.row.where, given.card.keyword):

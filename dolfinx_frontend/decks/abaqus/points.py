@@ -72,7 +72,7 @@ def _own(corners: Array, x: Array) -> Array:
     if len(corners) == 3:
         return np.asarray(np.linalg.solve(np.transpose(corners[1:] - corners[0]), (x - corners[0]).T).T)
     if len(corners) == 2:
-        return 2.0 * (x - corners[0]) / (corners[1] - corners[0]) - 1.0
+        return np.asarray(2.0 * (x - corners[0]) / (corners[1] - corners[0]) - 1.0)
     signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     at = np.zeros_like(x)
     for _ in range(_ROUNDS):
