@@ -81,6 +81,20 @@ def test_a_support_of_before_the_steps_is_taken_away_in_the_first(tmp_path: Path
     assert at(solved(deck), "BAR", END, "displacement", "x") == pytest.approx(0.1)
 
 
+def test_a_support_of_before_the_steps_holds_its_value_until_it_goes(tmp_path: Path) -> None:
+    """As CalculiX has it: held at 0, let go at once, and from where it is to .02."""
+    _, text = bar()
+    text = text.replace("BAR_X0, 1, 3\n", "BAR_X0, 1, 3\nBAR_X1, 1, 3\n", 1)
+    deck = deck_of(tmp_path, text + (
+        step("*BOUNDARY, OP=NEW", "BAR_X0, 1, 3", increments=".5, 1.")
+        + step("*BOUNDARY", "BAR_X1, 1, 1, .02", increments=".5, 1.")
+    ))
+    result = solved(deck)
+    moved = [at(result, "BAR", END, "displacement", "x", k) for k in range(len(deck.times))]
+    assert deck.times == [1.0, 1.5, 2.0, 2.5, 3.0]
+    assert moved == pytest.approx([0.0, 0.1, 0.1, 0.06, 0.02], abs=1e-8)
+
+
 def test_a_held_block_on_a_held_slab(tmp_path: Path) -> None:
     """A slab of one cell that is held all around has no displacements at all: forces on it are no imbalance.
     The block is pressed, dragged by its foot, and dragged back."""

@@ -299,9 +299,10 @@ class History:
             if not phase.start > start:
                 del self.curves[key], self.spans[key], self.kept[key]
             elif end == math.inf:
-                kept = self.kept[key]
                 self.spans[key][-1] = start, phase.start
-                self.kept[key] = kept if kept[-1][0] == phase.start else (*kept, (phase.start, kept[-1][1]))
+                for curves in (self.curves, self.kept):  # up to here they are what they were
+                    last, value = curves[key][-1]
+                    curves[key] += ((phase.start, value),) if last < phase.start else ()
         elif key[1] not in self.fixed:
             card = next(c for c in cards if c.keyword == "BOUNDARY" and c.get("OP") == "NEW")
             node = self.model.node_names[key[1]]
