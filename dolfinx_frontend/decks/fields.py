@@ -25,7 +25,7 @@ class Where(NamedTuple):
 
 
 def real(word: str, bare: bool = True) -> float | None:
-    """A number as Fortran writes it, its exponent after E or D, or `bare` after its sign; None: it is none."""
+    """A number as Fortran writes it, its exponent after E or D, `bare` after its sign; None: it is none."""
     found = _NUMBER.fullmatch(word)
     if found is None or (found[3] and not bare):
         return None

@@ -199,7 +199,7 @@ def test_surfaces_of_solids_in_the_same_place(tmp_path: Path) -> None:
 
 
 def test_gaps(tmp_path: Path) -> None:
-    """Four gaps of .02 beside an end that a force of 10 would move by .1: the rest is theirs, .08 times 100."""
+    """Four gaps of .02 beside an end that a force of 10 would move by .1: theirs is .08 times 100."""
     brick, text = bar()
     ends = brick.nodes_at(0, True)
     walls = [f"{900 + n}, 12., {brick.x[n][1]}, {brick.x[n][2]}" for n in ends]

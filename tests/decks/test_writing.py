@@ -132,7 +132,7 @@ def passing(**second: Any) -> lf.Scene:
     scene.fix("bar:x0")
     scene.traction("bar:x1", lf.Amplitude([0, 1, 2], [0, 1, 0.5]) * (10.0, 2.0, 0.0))
     scene.fix("bar:x1", components=(0, 1), name="jig", during=((1, 2),), kept=1.0)
-    scene.fix("bar:x1", 0.01, 2, "lift", **({"during": ((2, 3), (4, 5))} | second))
+    scene.fix("bar:x1", 0.01, name="lift", **({"components": 2, "during": ((2, 3), (4, 5))} | second))
     return scene
 
 
@@ -140,6 +140,8 @@ def test_supports_that_come_and_go(tmp_path: Path) -> None:
     for last in (2.0, 3.0, 5.0):
         times = [1.0, *np.arange(2.0, last + 0.5)]
         assert_read_again(passing(), tmp_path, 1e-9, times=times)
+    turned = {"frame": [[0, -1, 0], [1, 0, 0], [0, 0, 1]], "components": 0}
+    assert_read_again(passing(**turned), tmp_path, 1e-9, times=[1.0, 2.0, 3.0])
 
 
 @pytest.mark.parametrize(("second", "words"), [

@@ -78,8 +78,7 @@ def test_a_stop_that_comes_later(kept: float, far: float) -> None:
 
 
 def test_the_way_to_a_value() -> None:
-    """As steps of decks have it: linear from where the end is; then the value moves it; then it is held again,
-    where it is."""
+    """As in decks: linear from where the end is; then the value moves it; then it is held where it is."""
 
     def build(scene: lf.Scene) -> None:
         pulled(scene, [0, 1, 2], [0, 10, 10])

@@ -90,8 +90,8 @@ class InpDeck:
             if node not in self._history.bolts and not held:
                 at, name = self._history.steps[step - 1], self._model.node_names[node]
                 raise DeckError(
-                    f"{at.file}:{at.line}: *BOUNDARY: node {name}, which belongs to no solid or moves a body, "
-                    "is FIXED where it has got to; give it a value"
+                    f"{at.file}:{at.line}: *BOUNDARY: node {name}, which belongs to no solid or moves a "
+                    "body, is FIXED where it has got to; give it a value"
                 )
 
     @property

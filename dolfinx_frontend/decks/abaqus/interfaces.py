@@ -232,8 +232,8 @@ class Joints:
         if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
             raise card.error("both surfaces are the same; name two", row.where)
         if slave and Facets(self.mesh, slave).inside(Facets(self.mesh, master)):
-            raise card.error("both surfaces face the same way: their solids are in the same place; name faces "
-                             "that face each other, or move a part", row.where)
+            said = "both surfaces face the same way: their solids are in the same place"
+            raise card.error(f"{said}; name faces that face each other, or move a part", row.where)
         return names, slave, master, alone
 
     def _contact(self, card: Card, row: Row) -> None:

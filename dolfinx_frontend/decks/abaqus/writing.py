@@ -193,14 +193,11 @@ class _Deck:
         """What interfaces with one side prescribe."""
         for i in self.problem.interfaces.values():
             if i.law.elimination is Elimination.REMOVED:
-                side = i.sides[0]
-                own = side.nodes[np.isin(side.nodes, self.meshes[side.substructure].elements)]
-                x = self.problem.substructures[side.substructure].dof_coordinates[own]
-                found = [_at(i.law, t).constraint(i.name, side, x) for t in self.times]
+                x, nodes = self._held_by(i)
+                found = [_at(i.law, t).constraint(i.name, i.sides[0], x) for t in self.times]
                 moved = np.stack([v for _, v in found])  # (steps, nodes, r)
-                for k, held in enumerate(listed(self.nodes(side.substructure, own))):
+                for k, held in enumerate(listed(nodes)):
                     self.rows.setdefault(held, []).append((found[0][0], moved[:, k]))
-                self.printed.append(self.node_set(f"N {i.name}", self.nodes(side.substructure, own)))
         kept: dict[bytes, tuple[list[int], Array, Array]] = {}
         for node, given in sorted(self.rows.items()):
             directions = np.concatenate([each for each, _ in given])
@@ -212,31 +209,36 @@ class _Deck:
             for k, pivot in enumerate(pivots):
                 self._support(node, pivot, rows[k], values @ by[k])
 
+    def _held_by(self, i: Interface) -> tuple[Array, Ints]:
+        """Places and numbers of the nodes of a support, whose reaction is printed."""
+        side = i.sides[0]
+        own = side.nodes[np.isin(side.nodes, self.meshes[side.substructure].elements)]
+        nodes = self.nodes(side.substructure, own)
+        self.printed.append(self.node_set(f"N {i.name}", nodes))
+        return self.problem.substructures[side.substructure].dof_coordinates[own], nodes
+
     def passing(self) -> None:
         """Supports that come and go."""
         for i in self.problem.interfaces.values():
             if not isinstance(i.law, Held):
                 continue
-            side, released = i.sides[0], False
-            own = side.nodes[np.isin(side.nodes, self.meshes[side.substructure].elements)]
-            x = self.problem.substructures[side.substructure].dof_coordinates[own]
-            names = self.nodes(side.substructure, own)
-            self.printed.append(self.node_set(f"N {i.name}", names))
+            (x, nodes), released = self._held_by(i), False
             for k, t in enumerate(self.times):
                 if i.law.controlled(t):
                     released = True
                     continue
-                directions, values = _at(i.law, t).constraint(i.name, side, x)
+                directions, values = _at(i.law, t).constraint(i.name, i.sides[0], x)
                 kept = _one(i, _at(i.law, t), "kept") if released else 0.0
                 if kept not in (0.0, 1.0) or (kept and isinstance(i.law.value, Varying)):
-                    raise _refused(i, f"kept = {kept:g} at t = {t:g}; in a deck it is 0, or 1 without a change")
+                    raise _refused(i, f"kept = {kept:g} at t = {t:g}; in a deck 0, or 1 without a change")
                 if np.count_nonzero(np.abs(directions) > ROUNDING) > len(directions):
                     raise _refused(i, "its axes are oblique; in a deck equations last")
                 lines = (self.staying if kept else self.coming)[k]
-                for node, row in zip(listed(names), values, strict=True):
-                    for axis, value in zip(np.abs(directions).argmax(axis=1) + 1, row, strict=True):
-                        if (node, int(axis)) not in self.fixed:
-                            lines.append(f"{node}, {axis}, {axis}, {value:.12g}")
+                axes = listed(np.abs(directions).argmax(axis=1) + 1)
+                along = listed(values * directions.sum(axis=1))  # an axis may point backwards
+                for node, row in zip(listed(nodes), along, strict=True):
+                    free = [(axis, v) for axis, v in zip(axes, row) if (node, axis) not in self.fixed]
+                    lines += [f"{node}, {axis}, {axis}, {value:.12g}" for axis, value in free]
 
     def _support(self, node: int, pivot: int, row: Array, values: Array) -> None:
         """row . displacement = values (steps,); the entry at the pivot is 1."""
