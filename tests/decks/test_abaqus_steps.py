@@ -95,6 +95,18 @@ def test_a_support_of_before_the_steps_holds_its_value_until_it_goes(tmp_path: P
     assert moved == pytest.approx([0.0, 0.1, 0.1, 0.06, 0.02], abs=1e-8)
 
 
+def test_from_where_it_was_fixed_to_a_value(tmp_path: Path) -> None:
+    _, text = bar()
+    deck = deck_of(tmp_path, text + (
+        step("*BOUNDARY, FIXED", "BAR_X1, 1, 1", "*DSLOAD", "SBAR_X1, P, -30.")
+        + step("*BOUNDARY", "BAR_X1, 1, 1, .02", increments=".5, 1.")
+        + step("*BOUNDARY, FIXED", "BAR_X1, 1, 1")
+    ))
+    result = solved(deck)
+    moved = [at(result, "BAR", END, "displacement", "x", k) for k in range(len(deck.times))]
+    assert moved == pytest.approx([0.1, 0.1, 0.06, 0.02, 0.02], abs=1e-8)
+
+
 def test_a_held_block_on_a_held_slab(tmp_path: Path) -> None:
     """A slab of one cell that is held all around has no displacements at all: forces on it are no imbalance.
     The block is pressed, dragged by its foot, and dragged back."""

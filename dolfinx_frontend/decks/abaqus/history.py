@@ -311,8 +311,13 @@ class History:
 
     def _hold(self, key: Key, given: Given, phase: _Phase) -> bool:
         """Begin a support, or go on with it; whether it goes from where its node is to a constant value."""
-        spans = self.spans.setdefault(key, [])
+        spans, kept = self.spans.setdefault(key, []), self.kept.setdefault(key, ())
+        stays, at_once = "FIXED" in given.card.parameters, phase.at_once or bool(given.card.get("AMPLITUDE"))
         if spans and spans[-1][1] == math.inf:
+            if kept[-1][1] and not stays:  # from where it was held to a value
+                soon = phase.start + _JUMP * (phase.end - phase.start) if at_once else phase.end
+                held = () if kept[-1][0] == phase.start else ((phase.start, kept[-1][1]),)
+                self.kept[key] = (*kept, *held, (soon, 0.0))
             return False
         if phase.number > 1 and key[1] in self.references and key[1] not in self.bolts:
             name = self.model.node_names[key[1]]
@@ -320,10 +325,9 @@ class History:
                             "belongs to no solid or moves a body: its supports last from the first step on",
                             given.row.where)
         spans.append((phase.start, math.inf))
-        stays, at_once = "FIXED" in given.card.parameters, phase.at_once or bool(given.card.get("AMPLITUDE"))
         late = phase.number > 1 and (stays or not at_once)
         own = {phase.start: float(late), phase.end: float(stays and late)}
-        self.kept[key] = (*self.kept.get(key, ()), *own.items())
+        self.kept[key] = (*kept, *own.items())
         return late
 
     def hold(self, key: Key) -> Hold:
