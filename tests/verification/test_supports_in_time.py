@@ -213,6 +213,15 @@ def test_an_interval_without_a_step_is_refused() -> None:
         solved(lambda scene: scene.fix("bar:x1", name="grip", during=((1, 2),)), [1.0, 3.0])
 
 
+def test_it_wants_times() -> None:
+    scene = lf.Scene()
+    scene.substructure("bar", lf.geometry.box((1, 1), (1, 1)), lf.LinearElastic(E=E, nu=0.0))
+    scene.fix("bar:x0")
+    scene.fix("bar:x1", name="grip", during=((0, 1),))
+    with pytest.raises(lf.SceneError, match=r"'grip': values change in time: solve with times"):
+        lf.solve(lf.assemble(scene))
+
+
 def test_a_deck_says_it_in_the_same_words(tmp_path: Path) -> None:
     deck = tmp_path / "bar.toml"
     deck.write_text("""\
