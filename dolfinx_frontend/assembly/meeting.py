@@ -21,8 +21,7 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.matrix_part import frames_of
 from dolfinx_frontend.assembly.overlap import common, constant, shape_of
 from dolfinx_frontend.assembly.pairing import coincide, near_facets
-from dolfinx_frontend.assembly.places import NEAR
-from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.substructure import NEAR, Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError
