@@ -321,7 +321,8 @@ def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
     for joint in scene.interfaces.values():
         for face in joint.faces:
             own = tied.get(face)
-            if own is not None and own is not joint and joint.law.prescribes == "jump":
+            twice = joint.law.rigid and not (joint.law.unilateral or joint.law.bolt)
+            if own is not None and own is not joint and twice:
                 raise SceneError(
                     f"interface {joint.name!r}: {face} is rigid by {own.name!r}, and {joint.law.title} would "
                     "hold its nodes a second time: add the other face to the rigid group, give its motion "

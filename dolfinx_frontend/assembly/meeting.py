@@ -21,8 +21,7 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.matrix_part import frames_of
 from dolfinx_frontend.assembly.overlap import common, constant, shape_of
 from dolfinx_frontend.assembly.pairing import coincide, near_facets
-from dolfinx_frontend.assembly.places import NEAR
-from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.substructure import NEAR, Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.deferred import spatial
 from dolfinx_frontend.common.errors import SceneError
@@ -105,7 +104,8 @@ def held_nodes(
             part = substructures.get(face.substructure)
             if len(joint.faces) == 1 and frames_of(part) is not None:
                 continue  # points without facets
-            if face.substructure in members and joint.law.rigid and joint.remote is None:
+            holds = joint.law.rigid and joint.law.released is joint.law  # at all times
+            if face.substructure in members and holds and joint.remote is None:
                 members[face.substructure].append((name, number))
     out: dict[_Where, Held] = {}
     for several in members.values():

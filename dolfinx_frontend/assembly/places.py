@@ -11,15 +11,12 @@ from dolfinx import geometry
 from dolfinx_frontend.assembly.elements import tabulate
 from dolfinx_frontend.assembly.matrix_part import frames_of
 from dolfinx_frontend.assembly.ranks import agreement
-from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.substructure import NEAR, Substructure
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 
 __all__ = ["Place", "place_in", "place_of", "place_on_ranks"]
-
-NEAR = 1e-6
-"""Distance from a part, relative to its size, within which a point is one of its points."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,7 @@ class Place:
     shape: Array
 
 
-def place_of(where: str, mesh: Any, space: Any, point: Array) -> Place:
+def place_of(where: str, s: Substructure, point: Array) -> Place:
     """The place of a point (d,) in a part.
 
     Raises
@@ -50,11 +47,10 @@ def place_of(where: str, mesh: Any, space: Any, point: Array) -> Place:
     SceneError
         It is outside, with how far.
     """
-    d = int(mesh.geometry.dim)
-    size = float(np.ptp(np.asarray(mesh.geometry.x)[:, :d], axis=0).max())
-    cell, gap = _nearest(mesh, point, size)
+    tree, size = s.boxes
+    cell, gap = _nearest(s.part.mesh, point, tree)
     _check_gap(where, point, gap, size)
-    return _placed(mesh, space, cell, point)
+    return _placed(s.part.mesh, s.space, cell, point)
 
 
 def place_in(where: str, s: Substructure, point: Array) -> Place:
@@ -67,7 +63,7 @@ def place_in(where: str, s: Substructure, point: Array) -> Place:
     """
     frames = frames_of(s)
     if frames is None:
-        return place_of(where, s.part.mesh, s.space, point)
+        return place_of(where, s, point)
     away = np.linalg.norm(frames.given.points - point, axis=1)
     at = int(np.argmin(away))
     if away[at] > NEAR * s.length:
@@ -95,7 +91,7 @@ def place_on_ranks(where: str, mesh: Any, space: Any, point: Array) -> tuple[int
     low, high = (join([box[k] for box in known], axis=0) for k, join in ((0, np.min), (1, np.max)))
     size = float((high - low).max())
     with agreement(comm):
-        cell, gap = _nearest(mesh, point, size)
+        cell, gap = _nearest(mesh, point, geometry.bb_tree(mesh, d, padding=NEAR * size))
     gaps = comm.allgather(gap)
     rank = int(np.argmin(gaps))
     _check_gap(where, point, gaps[rank], size)
@@ -107,15 +103,15 @@ def place_on_ranks(where: str, mesh: Any, space: Any, point: Array) -> tuple[int
     return rank, found
 
 
-def _nearest(mesh: Any, point: Array, size: float) -> tuple[int, float]:
-    """The cell of this rank that a point is in, or is nearest to, and how far it is from it."""
+def _nearest(mesh: Any, point: Array, tree: Any) -> tuple[int, float]:
+    """The cell of this rank that a point is in, or is nearest to, and how far it is from it; `tree`: of the
+    boxes of the cells."""
     d = int(mesh.geometry.dim)
     count = int(mesh.topology.index_map(d).size_local)
     if not count:
         return -1, float("inf")
     x = np.zeros((1, 3))
     x[0, :d] = point
-    tree = geometry.bb_tree(mesh, d, padding=NEAR * size)
     candidates = geometry.compute_collisions_points(tree, x)
     found = geometry.compute_colliding_cells(mesh, candidates, x).array
     found = found[found < count]  # the others are those of other ranks

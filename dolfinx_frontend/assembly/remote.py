@@ -12,8 +12,7 @@ from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.interface import Interface, Side
 from dolfinx_frontend.assembly.matrix_part import at_points, frames_of
 from dolfinx_frontend.assembly.part_loads import cross, face_of, fitting
-from dolfinx_frontend.assembly.places import NEAR
-from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.substructure import NEAR, Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError

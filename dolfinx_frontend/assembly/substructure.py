@@ -13,7 +13,7 @@ import dolfinx.fem as fem
 import numpy as np
 import ufl
 from basix.ufl import element
-from dolfinx import jit
+from dolfinx import geometry, jit
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
@@ -240,6 +240,13 @@ class Substructure(OneProcess):
         return len(fem.locate_dofs_topological(self.space, d - 1, outer))
 
     @cached_property
+    def boxes(self) -> tuple[Any, float]:
+        """Tree of the boxes of its cells, and the size of its mesh: where points are looked for."""
+        mesh = self.part.mesh
+        size = float(np.ptp(np.asarray(mesh.geometry.x)[:, : self.dim], axis=0).max())
+        return geometry.bb_tree(mesh, mesh.topology.dim, padding=NEAR * size), size
+
+    @cached_property
     def matrix(self) -> sp.csr_matrix:
         """K as a SciPy matrix."""
         self.check_unchanged()
@@ -265,6 +272,9 @@ class Substructure(OneProcess):
         inverse = np.asarray(np.linalg.inv(modes.T @ modes), dtype=np.float64)
         return read_only(modes), read_only(inverse)
 
+
+NEAR = 1e-6
+"""Distance from a part, relative to its size, within which a point is one of its points."""
 
 _STRAINLESS = 1e-10
 """A motion that K resists less than so, relative to its diagonal, is one that strains nothing."""

@@ -7,7 +7,7 @@ points are looked up by their labels.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_numbers, checked_path
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.describe import short
-from dolfinx_frontend.decks.abaqus.cards import Where
+from dolfinx_frontend.decks.fields import Where, real
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.decks.nastran.bulk import BulkCard, bulk_cards, grids, text_lines
 from dolfinx_frontend.scene.matrix import Matrix
@@ -27,7 +27,6 @@ __all__ = ["read_matrix"]
 
 Line = tuple[Where, str]
 _COUNT = re.compile(r"NODES\s*=\s*(\d+)", re.IGNORECASE)
-_REAL = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+|[+-]\d+)?")
 
 
 class _Found(NamedTuple):
@@ -187,7 +186,7 @@ def _read_mtx(path: Path, name: str | None) -> _Found:
         elif row.startswith("*"):
             expected = ""
         elif expected == "values":
-            values[kind] += _reals(where, row)
+            values[kind] += _reals(where, row.replace(",", " ").split())
         elif expected and row:
             _components(where, row, components)
     if name is not None and name.upper() not in values:
@@ -224,19 +223,14 @@ def _components(where: Where, row: str, components: dict[int, list[int]]) -> Non
     components[position] = own
 
 
-def _reals(where: Where, row: str) -> list[float]:
+def _reals(where: Where, words: Iterable[str], what: str = "number") -> list[float]:
     out = []
-    for word in row.replace(",", " ").split():
-        if not _REAL.fullmatch(word):
-            raise DeckError(f"{where}: {word[:40]!r} is no number")
-        out.append(_real(word))
+    for word in words:
+        value = real(word)
+        if value is None:
+            raise DeckError(f"{where}: {word[:40]!r} is no {what}")
+        out.append(value)
     return out
-
-
-def _real(word: str) -> float:
-    """A number, also without the E of its exponent."""
-    text = word.upper().replace("D", "E")
-    return float(text if "E" in text else re.sub(r"(?<=[\d.])([+-]\d+)$", r"E\1", text))
 
 
 # --- Nastran -----------------------------------------------------------------------------------------
@@ -359,11 +353,9 @@ def _columns(header: _Header, lines: Iterator[Line]) -> sp.csr_matrix:
     for where, line in lines:
         if "." in line:
             words = [line[k : k + header.width].strip() for k in range(0, len(line.rstrip()), header.width)]
-            if not all(_REAL.fullmatch(word) for word in words):
-                raise DeckError(f"{where}: these are no numbers of {header.width} characters: {line[:40]!r}")
             i += range(row, row + len(words))
             j += [column] * len(words)
-            values += map(_real, words)
+            values += _reals(where, words, f"number of {header.width} characters")
             row += len(words)
             continue
         try:

@@ -91,7 +91,7 @@ class Piece:
         with agreement(comm):
             if at.is_here:
                 assert self.part is not None
-                place = place_of(str(at), self.part.part.mesh, self.part.space, at.point)
+                place = place_of(str(at), self.part, at.point)
                 own = np.asarray(u.x.array)
                 found = within_cell(at, self.part, place, values, own, slopes[at.unknowns])
         return found

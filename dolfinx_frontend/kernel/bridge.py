@@ -116,7 +116,7 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: Field
         kappa = law.nominal.stiffnesses(interface)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
     if interface.name in plan.paired and len(interface.sides) == 1:
-        k *= HELD if law.prescribes == "jump" else PUSHED
+        k *= HELD if law.rigid and not law.unilateral else PUSHED
     if fields.softest is not None:
         k = np.maximum(k, fields.softest)
     return k.ravel()

@@ -801,8 +801,9 @@ def _moments_in_time(problem: Problem, times: npt.ArrayLike | None) -> Array | N
             if skipped:
                 raise SceneError(f"interface {name!r}: {skipped}: add such a time to times=[...]")
         return moments
-    if problem.amplitudes:
-        changing = [name for name, i in problem.interfaces.items() if i.law.varying]
+    passing = [name for name, i in problem.interfaces.items() if i.law.released is not i.law]
+    if problem.amplitudes or passing:
+        changing = [name for name, i in problem.interfaces.items() if i.law.varying or name in passing]
         changing += [name for name, s in problem.substructures.items() if s.varying_loads]
         changing += dict.fromkeys(t.load for t in problem.load_terms if t.amplitude is not None)
         raise SceneError(

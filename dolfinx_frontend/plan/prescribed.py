@@ -71,6 +71,11 @@ def check_prescribed(problem: Problem, eliminated: Container[str], moments: Coll
             raise SceneError(refused)
     with agreement(problem.comm):
         _check(problem.own, eliminated, moments)
+    for time in moments:
+        found = ((name, i.law.prescribed(time)) for name, i in problem.interfaces.items())
+        passing = {name: law for name, law in found if law is not None}
+        if passing:
+            check_prescribed(problem.with_laws(passing), eliminated, [time])
 
 
 def _refused(problem: Problem, eliminated: Container[str], moments: Iterable[float]) -> str:

@@ -35,9 +35,11 @@ from dolfinx_frontend.common.recorded import Journal, journaled
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.bolts import BoltStiffness
 from dolfinx_frontend.scene.laws import (
+    Contact,
     Displacement,
     Elastic,
     Elimination,
+    Held,
     Law,
     Linked,
     Preload,
@@ -70,7 +72,7 @@ from dolfinx_frontend.scene.specs import (
     SubstructureSpec,
     check_face,
 )
-from dolfinx_frontend.scene.values import Value, is_plain, is_random_field, is_uncertain, largest
+from dolfinx_frontend.scene.values import Value, is_plain, is_random_field, is_uncertain, is_zero, largest
 
 __all__ = ["Scene"]
 
@@ -92,6 +94,15 @@ def _check_expansion(where: str, alpha: float, dT: float) -> None:
     cause = f"alpha in 1e-6 per kelvin? {alpha:g}e-6 is one" if alpha >= LIMITS.friction else "alpha, or dT?"
     beyond(f"{where}: alpha dT = {alpha:g} x {dT:g} is a strain of {strain:.3g}, more than "
            f"{LIMITS.thermal_strain:.0%}: {cause}")
+
+
+def _support(value: Any, components: Any, frame: Any, during: Any, kept: Any) -> Displacement:
+    """The law of a support, which may come and go."""
+    if during is not None:
+        return Held(value, components, frame, during, kept)
+    if not is_zero(kept):
+        raise SceneError(f"fix: kept = {short(kept)} without during; say when it holds: during=((0, 1),)")
+    return Displacement(value, components, frame)
 
 
 def _components_of(value: Any) -> list[Any] | None:
@@ -375,6 +386,8 @@ class Scene(Shown):
         components: Sequence[int] | int | None = None,
         name: str | None = None,
         frame: Sequence[Sequence[float]] | None = None,
+        during: Sequence[tuple[float, float]] | None = None,
+        kept: Value = 0.0,
     ) -> None:
         """Prescribe the displacement, of all or of some components (0 is x).
 
@@ -385,6 +398,13 @@ class Scene(Shown):
         ----------
         frame
             Rows: axes (d, d) in global components along which the components are; None: the global ones.
+        during
+            Intervals (start, end] of a history in which it holds; outside of them it carries nothing. None:
+            at all times.
+        kept
+            Share of the distance from its value, at the last step before an interval, that is left. 0 brings
+            the face to its value, 1 holds it where it was (or moves it on from there with a value that
+            changes), an Amplitude times 1 goes from one to the other.
         """
         vector = _components_of(value)
         if vector is not None and components is None:
@@ -392,12 +412,11 @@ class Scene(Shown):
                 self._one_sided(
                     f"displacement.{'xyz'[k]}",
                     faces,
-                    Displacement(each, (k,), frame),
+                    _support(each, (k,), frame, during, kept),
                     None if name is None else f"{name}.{'xyz'[k]}",
                 )
             return
-        law = Displacement(value, components, frame)  # type: ignore[arg-type]  # one axis or several
-        self._one_sided("displacement", faces, law, name)
+        self._one_sided("displacement", faces, _support(value, components, frame, during, kept), name)
 
     @journaled
     def rigid(
@@ -482,10 +501,12 @@ class Scene(Shown):
         name: str | None = None,
         frame: Sequence[Sequence[float]] | None = None,
         nearest: bool = False,
+        during: Sequence[tuple[float, float]] | None = None,
+        kept: Value = 0.0,
     ) -> None:
         """Prescribe the displacement of a node of a part, of all or of some components (0 is x).
 
-        Random components make one interface each, and `frame` has other axes, as in :meth:`fix`.
+        Random components make one interface each; `frame`, `during` and `kept` are those of :meth:`fix`.
 
         Parameters
         ----------
@@ -504,9 +525,10 @@ class Scene(Shown):
         if vector is not None and components is None:
             for k, each in enumerate(vector):
                 own = f"{name or f'point({part}: {shown})'}.{'xyz'[k]}"
-                self._remote(own, (Face(part, f"({shown})"),), Displacement(each, (k,), frame), remote)
+                law = _support(each, (k,), frame, during, kept)
+                self._remote(own, (Face(part, f"({shown})"),), law, remote)
             return
-        law = Displacement(value, components, frame)  # type: ignore[arg-type]  # one axis or several
+        law = _support(value, components, frame, during, kept)
         self._remote(name or f"point({part}: {shown})", (Face(part, f"({shown})"),), law, remote)
 
     @journaled
@@ -547,8 +569,9 @@ class Scene(Shown):
         terms: Sequence[tuple[str, Sequence[float], Sequence[float]]],
         value: Value = 0.0,
         stiffness: Value | None = None,
+        gap: Value | None = None,
     ) -> None:
-        """Give a sum of displacements of nodes, or put a spring on it: an equation between nodes.
+        """Give a sum of displacements of nodes, or put a spring or a stop on it: an equation between nodes.
 
         Parameters
         ----------
@@ -560,6 +583,10 @@ class Scene(Shown):
         stiffness
             Of the spring whose length grows by the sum, force / length; None: it is rigid. With a `value` the
             spring has no force there; parameters ``"<name>.normal"`` and ``"<name>.jump"``.
+        gap
+            The sum may grow, and fall by so much, length, before something pushes against it, rigidly or with
+            the stiffness: a stop, a node that meets a face; parameters ``"<name>.gap"``,
+            ``"<name>.stiffness"``.
         """
         where = f"link {checked_name('link', name)!r}"
         sums: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {}
@@ -574,6 +601,10 @@ class Scene(Shown):
         if not any(any(along) for each in sums.values() for _, along in each):
             raise SceneError(f"{where}: every direction is 0; give one that is not")
         law: Law = Linked(value) if stiffness is None else Elastic(normal=stiffness, jump=value)
+        if gap is not None:
+            if not is_zero(value):
+                raise SceneError(f"{where}: value = {short(value)} and a gap are given: give one")
+            law = Contact(gap=gap, stiffness=stiffness)
         remote = Remote(sums=tuple(map(tuple, sums.values())))
         self._remote(name, tuple(Face(part, f"({name})") for part in sums), law, remote)
 

@@ -297,6 +297,9 @@ def _driven(
     reached, (m, components), are the first of them: mostly they leave nothing.
     """
     points = [g for g in grips.values() if len(g.weights)]
+    scale = float(np.linalg.norm(work))
+    if scale <= least or not points:
+        return None if scale <= least else np.asarray(work / scale, dtype=np.float64)
     opening = np.concatenate([g.opening for g in points])
     slip = np.concatenate([g.slip for g in points])
     friction = np.concatenate([g.friction for g in points])
@@ -304,9 +307,6 @@ def _driven(
     place = np.cumsum([0, *(len(g.opening) for g in points)])
     sizes = np.sqrt(np.sum(opening**2, axis=1) + np.sum(slip**2, axis=(1, 2)))
     sizes = np.where(sizes > 0.0, sizes, 1.0) * np.hypot(1.0, friction)
-    scale = float(np.linalg.norm(work))
-    if scale <= least:
-        return None
     target = np.append(work / scale, _CONVEX)
     rays: Array = np.zeros((len(work) + 1, 0))
     discs: Array = np.zeros((len(work) + 1, 1))
@@ -521,6 +521,7 @@ class Support:
         self.problem = problem
         self.times = times
         self.contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
+        self.released = [name for name, i in problem.interfaces.items() if i.law.released is not i.law]
         self._why: dict[int, str] = {}
 
     @cached_property
@@ -531,7 +532,7 @@ class Support:
     @cached_property
     def checks(self) -> Mapping[int, _Check]:
         """Steps at which parts are free but for contacts -> what balances their loads; collective."""
-        return _checks(self.problem, self.contacts, self.steps) if self.contacts else {}
+        return _checks(self.problem, self.contacts, self.steps) if self.contacts or self.released else {}
 
     def balances(self, step: int) -> bool:
         """Whether admissible forces of the interfaces balance the loads of a step; collective."""
@@ -625,7 +626,8 @@ def check_support(result: Result, support: Support) -> bool:
             pushed = {name: one.force for name, one in reached.items()}
             if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when):
                 return True
-            loaded = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
+            loads = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
+            loaded = loads or bool(support.released)
             if not (loaded and (result.converged or result.status in (UNDECIDED, SLIDES, NO_EQUILIBRIUM))):
                 continue
             if _check_undetermined(problem, each.resistances, reached, when):
@@ -652,7 +654,7 @@ def _checks(problem: Problem, contacts: list[str], steps: Sequence[_Step]) -> di
     checks: dict[int, _Check] = {}
     for given, members in alike.items():
         own = {
-            name: held(problem, i if name in given else replace(i, law=i.law.locked))
+            name: held(problem, replace(i, law=i.law.released if name in given else i.law.locked))
             for name, i in problem.own.interfaces.items()
             if name not in contacts and problem.speaks_for(name)
         }

@@ -101,7 +101,7 @@ Parameters
 name
     Of the interface; laws and results refer to it.
 law
-    ``"contact"``, ``"coulomb"``, ``"debonding"``, ``"elastic"``, ``"force"``, ``"perfect"``, ``"preload"``, or
+    ``"contact"``, ``"coulomb"``, ``"debonding"``, ``"elastic"``, ``"force"``, ``"held"``, ``"perfect"``, ``"preload"``, or
     a law of your own (:func:`python_law`, :func:`compiled_law`). Its parameters are set in :class:`Laws`.
 weights
     (points,) areas > 0.

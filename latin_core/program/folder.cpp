@@ -49,7 +49,7 @@
 // `bodies/B/springs/S/stiffness`, `jump`
 //     (k m), (k m, l); stiffness per area times the areas; imposed jump
 // `interfaces/I/name`, `law`
-//     text; the law is `contact`, `coulomb`, `debonding`, `elastic`, `force`, `perfect` or `preload`
+//     text; the law is `contact`, `coulomb`, `debonding`, `elastic`, `force`, `held`, `perfect` or `preload`
 // `interfaces/I/weights`, `frames`
 //     (m), (k m, d); areas; orthonormal rows
 // `interfaces/I/paired`

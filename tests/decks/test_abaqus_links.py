@@ -363,7 +363,7 @@ def test_adjust_closes_a_part_of_a_gap(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("cards", "words"), [
-    ("*STEP\n*STATIC\n*CLOAD, TIME DELAY=1.\nBAR_X1, 1, 1.\n*END STEP\n", ("the parameter TIMEDELAY",)),
+    ("*STEP\n*STATIC\n*CLOAD, LOAD CASE=2\nBAR_X1, 1, 1.\n*END STEP\n", ("the parameter LOADCASE",)),
     ("*STEP, NLGEOM\n*STATIC\n*BOUNDARY\n900, 6, 6, 1.57\n*END STEP\n", ("rotation of 1.57",)),
 ])
 def test_refused(cards: str, words: tuple[str, ...], tmp_path: Path) -> None:

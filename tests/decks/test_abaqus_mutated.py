@@ -163,6 +163,63 @@ END, 1, 2.
 """
 
 
+def stepped_deck() -> str:
+    """A deck with supports that come and go, nodes that meet a face or are tied to one, gaps and a delay."""
+    low = Brick("C3D8", "LOW", (4.0, 4.0, 2.0), (2, 2, 1))
+    high = Brick("C3D20", "HIGH", (1.0, 1.0, 1.0), (1, 1, 1), (0.5, 0.5, 2.001), 200)
+    feet = [n for n, x in high.x.items() if x[2] == 2.001 and x[0] == 0.5]
+    head = [n for n, x in high.x.items() if x[2] == 3.001 and x[1] == 1.5]
+    return f"""\
+{low.text()}{high.text()}{STEEL}*SURFACE, NAME=FEET, TYPE=NODE
+{feet[0]}
+{feet[1]}
+*SURFACE, NAME=SIDE, TYPE=NODE
+{feet[2]}
+*SURFACE INTERACTION, NAME=DRY
+*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR
+1.E6
+*CONTACT PAIR, INTERACTION=DRY, TYPE=NODE TO SURFACE, ADJUST=.0005
+FEET, SLOW_Z1
+*TIE, NAME=GLUE
+SIDE, SLOW_Z1
+*NODE
+901, 1.5, 1.5, 4.
+*ELEMENT, TYPE=GAPUNI, ELSET=STOP
+901, {head[0]}, 901
+*GAP, ELSET=STOP
+.01, 0., 0., 1., , 1.E6
+*AMPLITUDE, NAME=SAW
+0., 0., .5, 1., 1., .5
+*BOUNDARY
+LOW_Z0, 1, 3
+901, 1, 3
+HIGH_Z1, 1, 2
+*STEP
+*STATIC
+*DSLOAD, AMPLITUDE=SAW, TIME DELAY=.25
+SHIGH_Z1, P, 10.
+*END STEP
+*STEP
+*STATIC, DIRECT
+.5, 1.
+*BOUNDARY, OP=NEW
+LOW_Z0, 1, 3
+901, 1, 3
+HIGH_Z1, 3, 3, .005
+HIGH_X0, 1, 1
+*BOUNDARY, OP=NEW, FIXED
+HIGH_Y0, 2, 2
+*END STEP
+*STEP
+*STATIC
+*BOUNDARY, OP=NEW
+LOW_Z0, 1, 3
+901, 1, 3
+HIGH_Z1, 1, 3
+*END STEP
+"""
+
+
 def mutated(lines: list[str], random_of: random.Random) -> list[str]:
     out = list(lines)
     k = random_of.randrange(len(out))
@@ -214,7 +271,14 @@ def test_the_linked_deck(tmp_path: Path) -> None:
     assert lf.solve(lf.assemble(scene), times=deck.times, progress=False).status == "converged"
 
 
-@pytest.mark.parametrize("deck", [whole_deck, linked_deck])
+def test_the_stepped_deck(tmp_path: Path) -> None:
+    scene = read(tmp_path, stepped_deck().split("\n"))
+    deck = lf.read_inp(tmp_path / "deck.inp")
+    assert deck.times == [0.25, 0.75, 1.0, 1.5, 2.0, 3.0]
+    assert lf.solve(lf.assemble(scene), times=deck.times, progress=False).status == "converged"
+
+
+@pytest.mark.parametrize("deck", [whole_deck, linked_deck, stepped_deck])
 @pytest.mark.parametrize("seed", range(10))
 def test_mutated_decks(seed: int, deck: Callable[[], str], tmp_path: Path) -> None:
     lines = deck().split("\n")

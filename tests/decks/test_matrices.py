@@ -178,7 +178,7 @@ def with_text(path, text):
         ("a.pch", ("DMIG    KAAX", "DMIG    MAAX"), "KAAX has no header"),
         ("a.pch", (f"{3:16d}{1:16d}", f"{3:16d}{0:16d}"), "that of a scalar point"),
         ("a.op4", ("       6       2", "       6       4"), "a.op4:1: its type is 4, complex"),
-        ("a.op4", ("E+03", "E+0x"), "these are no numbers of 16 characters"),
+        ("a.op4", ("E+03", "E+0x"), "is no number of 16 characters"),
         ("a.op4", ("      12      12", "      11      12"), "this is no header of OUTPUT4"),
     ],
 )

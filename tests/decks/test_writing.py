@@ -124,6 +124,35 @@ def test_oblique_supports_bodies_and_heat(tmp_path: Path) -> None:
     assert_read_again(scene, tmp_path, 1e-9)
 
 
+def passing(**second: Any) -> lf.Scene:
+    """A bar that is pulled, held where it is, let go, and bent to a place."""
+    scene = lf.Scene()
+    bar = geometry.box((4.0, 1.0, 1.0), (2, 1, 1), cell="hexahedron")
+    scene.substructure("bar", bar, STEEL, degree=1)
+    scene.fix("bar:x0")
+    scene.traction("bar:x1", lf.Amplitude([0, 1, 2], [0, 1, 0.5]) * (10.0, 2.0, 0.0))
+    scene.fix("bar:x1", components=(0, 1), name="jig", during=((1, 2),), kept=1.0)
+    scene.fix("bar:x1", 0.01, name="lift", **({"components": 2, "during": ((2, 3), (4, 5))} | second))
+    return scene
+
+
+def test_supports_that_come_and_go(tmp_path: Path) -> None:
+    for last in (2.0, 3.0, 5.0):
+        times = [1.0, *np.arange(2.0, last + 0.5)]
+        assert_read_again(passing(), tmp_path, 1e-9, times=times)
+    turned = {"frame": [[0, -1, 0], [1, 0, 0], [0, 0, 1]], "components": 0}
+    assert_read_again(passing(**turned), tmp_path, 1e-9, times=[1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(("second", "words"), [
+    ({"kept": 0.5}, "'lift', Held: kept = 0.5 at t = 3"),
+    ({"frame": [[1, 0, 0], [0, 0.6, 0.8], [0, -0.8, 0.6]]}, "'lift', Held: its axes are oblique"),
+])
+def test_supports_that_a_deck_cannot_hold(second: Any, words: str, tmp_path: Path) -> None:
+    with pytest.raises(lf.SceneError, match=words):
+        lf.write_inp(lf.assemble(passing(**second)), tmp_path / "scene.inp", times=[1.0, 2.0, 3.0])
+
+
 def test_an_orthotropic_block(tmp_path: Path) -> None:
     c, s = math.cos(0.5), math.sin(0.5)
     axes = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]

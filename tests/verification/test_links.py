@@ -54,6 +54,36 @@ def test_two_rods_and_a_link(stiffness: float | None) -> None:
     assert float(np.ravel(result.force("link"))[0]) == pytest.approx(k * u1, rel=1e-7)
 
 
+@pytest.mark.parametrize("force", [-10.0, -3.0, 10.0])
+@pytest.mark.parametrize("stiffness", [50.0, None])
+def test_a_stop_between_two_rods(force: float, stiffness: float | None) -> None:
+    """The end of one may come .05 nearer to that of the other: then P (2 / k + 1 / s) = F / k - .05."""
+    scene = rods("one", "two")
+    scene.fix(["one:x0", "two:x0"])
+    scene.traction("two:x1", (force, 0.0, 0.0))
+    terms = [("one", (L, 0.0, 0.0), (-1.0, 0.0, 0.0)), ("two", (L, 2.0, 0.0), (1.0, 0.0, 0.0))]
+    scene.link("stop", terms, stiffness=stiffness, gap=0.05)
+    k = E / L
+    pressed = max(-force / k - 0.05, 0.0) / (2.0 / k + (1.0 / stiffness if stiffness else 0.0))
+    result = solved(scene)
+    assert moved(result, "one", (L, 0.0, 0.0)) == pytest.approx(-pressed / k, abs=1e-9)
+    assert moved(result, "two", (L, 2.0, 0.0)) == pytest.approx((force + pressed) / k, abs=1e-9)
+    assert float(np.ravel(result.force("stop"))[0]) == pytest.approx(-pressed, abs=1e-7)
+
+
+def test_a_random_gap() -> None:
+    """Forces of a stop that closes in all samples: (F / k - gap) k / 2."""
+    scene = rods("one", "two")
+    scene.fix(["one:x0", "two:x0"])
+    scene.traction("two:x1", (-10.0, 0.0, 0.0))
+    terms = [("one", (L, 0.0, 0.0), (-1.0, 0.0, 0.0)), ("two", (L, 2.0, 0.0), (1.0, 0.0, 0.0))]
+    scene.link("stop", terms, gap=lf.Uniform("gap", 0.02, 0.06))
+    chaos = lf.solve(lf.assemble(scene), chaos=1, progress=False, options=lf.Options(rtol=1e-10))
+    assert float(np.ravel(chaos.force("stop"))[0]) == pytest.approx(-3.0, abs=1e-6)
+    with pytest.raises(lf.SceneError, match="value = 0.1 and a gap are given: give one"):
+        scene.link("other", terms, 0.1, gap=0.0)
+
+
 def test_an_equation_holds_a_part() -> None:
     """Nothing but u(0) - 2 u(L) = d holds a rod along x: f at 0 and -2 f at L, so that f = F."""
     scene = rods("rod")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,9 +12,10 @@ from typing import NamedTuple
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import OBJECTS, opened
 from dolfinx_frontend.decks.abaqus.keywords import IGNORED, REFUSED, REPRESENTED
+from dolfinx_frontend.decks.fields import Where, Worded
 from dolfinx_frontend.decks.lines import DeckError
 
-__all__ = ["Card", "Note", "Row", "Where", "placed", "read_cards"]
+__all__ = ["Card", "Note", "Row", "placed", "read_cards"]
 
 _BYTES = 1 << 30
 """Size of a deck with all that it includes from which on it is refused, bytes."""
@@ -26,19 +25,6 @@ _FILES, _DEPTH = 10_000, 32
 
 SPELLED = {"".join(keyword.split()): keyword for keyword in (*REPRESENTED, *IGNORED, *REFUSED)}
 """Keywords without their blanks, which some decks leave out."""
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
-_WHOLE = re.compile(r"[+-]?\d{1,12}")
-
-
-class Where(NamedTuple):
-    """A line of a file, counted from 1."""
-
-    file: str
-    line: int
-
-    def __str__(self) -> str:
-        return f"{self.file}:{self.line}"
 
 
 class Note(NamedTuple):
@@ -69,8 +55,12 @@ class Row(NamedTuple):
     words: list[str]
 
 
+def _word(row: Row, k: int) -> str:
+    return row.words[k] if k < len(row.words) else ""
+
+
 @dataclass
-class Card:
+class Card(Worded):
     """A keyword, upper case, its parameters (upper case; a flag has the value ""), and its data lines."""
 
     keyword: str
@@ -95,25 +85,11 @@ class Card:
 
     def number(self, row: Row, k: int, what: str, default: float | None = None) -> float:
         """Word k of a row as a finite number."""
-        word = row.words[k] if k < len(row.words) else ""
-        if not word and default is not None:
-            return default
-        if _NUMBER.fullmatch(word):
-            value = float(word.replace("d", "e").replace("D", "e"))
-            if math.isfinite(value):
-                return value
-        raise self.error(f"{what} = {word[:40]!r} (word {k + 1}) is no finite number; correct it", row.where)
+        return self.real_of(_word(row, k), what, f"word {k + 1}", default, False, row.where)
 
     def whole(self, row: Row, k: int, what: str, least: int = 1, default: int | None = None) -> int:
         """Word k of a row as a whole number."""
-        word = row.words[k] if k < len(row.words) else ""
-        if not word and default is not None:
-            return default
-        if not _WHOLE.fullmatch(word) or int(word) < least:
-            raise self.error(
-                f"{what} = {word[:40]!r} (word {k + 1}) is no whole number >= {least}; correct it", row.where
-            )
-        return int(word)
+        return self.whole_of(_word(row, k), what, f"word {k + 1}", default, least, row.where)
 
     def numbers(self, row: Row, count: int, what: str, start: int = 0) -> list[float]:
         """So many words from `start` on; those that are missing at the end are 0."""

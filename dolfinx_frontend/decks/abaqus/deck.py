@@ -14,7 +14,7 @@ from dolfinx_frontend.decks.abaqus.history import History, Step
 from dolfinx_frontend.decks.abaqus.interfaces import Joints, cuts_of, references_of
 from dolfinx_frontend.decks.abaqus.links import Links
 from dolfinx_frontend.decks.abaqus.loads import Loads
-from dolfinx_frontend.decks.abaqus.materials import expansion_of, material_of, number_of, thickness_of
+from dolfinx_frontend.decks.abaqus.materials import expansion_of, material_of, number_of
 from dolfinx_frontend.decks.abaqus.model import Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh
 from dolfinx_frontend.decks.lines import DeckError
@@ -90,8 +90,8 @@ class InpDeck:
             if node not in self._history.bolts and not held:
                 at, name = self._history.steps[step - 1], self._model.node_names[node]
                 raise DeckError(
-                    f"{at.file}:{at.line}: *BOUNDARY: node {name} is FIXED where it has got to; only bolts "
-                    "can be, give others a value"
+                    f"{at.file}:{at.line}: *BOUNDARY: node {name}, which belongs to no solid or moves a "
+                    "body, is FIXED where it has got to; give it a value"
                 )
 
     @property
@@ -108,7 +108,6 @@ class InpDeck:
             Cells that make no mesh, and what a scene refuses.
         """
         pieces = self._mesh.pieces
-        thickness = thickness_of(self._model, self._mesh)
         parts = self._mesh.parts(self._faces.of_piece)
         scene = Scene(axisymmetric=pieces[0].kind.plane == "axisymmetric")
         try:
@@ -118,7 +117,7 @@ class InpDeck:
                 )
             self._joints.put(scene)
             self._links.put(scene)
-            self._loads.put(scene, self.densities, self._alphas, thickness)
+            self._loads.put(scene, self.densities, self._alphas)
         except DeckError:
             raise
         except SceneError as error:

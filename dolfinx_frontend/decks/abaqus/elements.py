@@ -79,8 +79,10 @@ def _kinds() -> dict[str, Kind]:
 
 KINDS = _kinds()
 RODS = ("T3D2", "B31")
-REFERENCE_NODES = {"DCOUP3D": 1, "MASS": 1, "SPRING1": 1} | dict.fromkeys(("SPRINGA", "SPRING2", *RODS), 2)
-"""Nodes of elements that are no solids: the node of a coupling, springs, rods of pre-tension sections."""
+REFERENCE_NODES = {"DCOUP3D": 1, "MASS": 1, "SPRING1": 1} | dict.fromkeys(
+    ("SPRINGA", "SPRING2", "GAPUNI", *RODS), 2
+)
+"""Nodes of elements that are no solids: of couplings, springs, gaps, rods of pre-tension sections."""
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "triangle": ((0, 1), (1, 2), (2, 0)),

@@ -35,13 +35,15 @@ class Facets:
     ----------
     nodes
         All of its nodes.
+    pairs
+        Element and face of each.
     corners, centres, normals, radii
         (k, c, 3), the last corner of smaller facets twice; (k, 3), (k, 3) out of the part, and (k,).
     """
 
     def __init__(self, mesh: Mesh, sides: Sides) -> None:
         pairs = [side for own in sides.values() for side in own]
-        self.mesh, self.dim = mesh, mesh.kind(pairs[0][0]).dim
+        self.mesh, self.dim, self.pairs = mesh, mesh.kind(pairs[0][0]).dim, pairs
         self.nodes: Ints = np.unique([n for side in pairs for n in mesh.face(side)])
         own = [mesh.x[mesh.face(side)[: len(FACES[mesh.kind(side[0]).cell][side[1]])]] for side in pairs]
         most = max(map(len, own))
@@ -54,6 +56,15 @@ class Facets:
         out = np.einsum("kd,kd->k", normals, self.centres - inside) > 0.0
         self.normals: Array = np.where(out[:, None], normals, -normals)
         self.radii: Array = np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
+
+    @property
+    def area(self) -> float:
+        """Of all facets, in the plane their length."""
+        if self.dim == 2:
+            return float(np.linalg.norm(self.corners[:, 1] - self.corners[:, 0], axis=1).sum())
+        arms = self.corners - self.corners[:, :1]
+        double = np.linalg.norm(np.cross(arms[:, 1:-1], arms[:, 2:]).sum(axis=1), axis=1)
+        return 0.5 * float(double.sum())
 
     def meshed_as(self, other: Facets) -> bool:
         """Whether the nodes of two surfaces are at the same places."""
@@ -96,6 +107,13 @@ class Facets:
         tree = cKDTree(self.mesh.x[self.nodes[known]][:, : self.dim])
         values = np.where(touching, 0.0, gaps)[known]
         return lambda x: np.asarray(values[tree.query(x)[1]])
+
+    def inside(self, other: Facets) -> bool:
+        """Whether those that lie over another surface all face the way that it does, as where two solids are
+        in the same place."""
+        _, near, beside = other.under(self.centres)
+        alike = np.einsum("kd,kmd->km", self.normals, other.normals[near])[beside <= other.radii[near]]
+        return bool(alike.size and alike.min() > 0.0)
 
     def meets(self, other: Facets, reach: float) -> bool:
         """Whether a facet of one lies over one of the other, nearer than that."""

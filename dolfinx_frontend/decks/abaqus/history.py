@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,7 +14,7 @@ from dolfinx_frontend.decks.abaqus.model import Model
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.amplitudes import Amplitude
 
-__all__ = ["Curve", "Given", "History", "Key", "Step", "combined"]
+__all__ = ["Curve", "Given", "History", "Hold", "Key", "Step", "combined"]
 
 Curve = tuple[tuple[float, float], ...]
 """Points (total time, value)."""
@@ -26,6 +27,8 @@ _JUMP = 1e-6
 
 _SMALL, _LARGE = 0.02, 0.2
 """Given rotations, of steps with NLGEOM, from which on their size is said, and they are refused."""
+
+_NONE: Curve = ((0.0, 0.0),)
 
 _NAMED = {
     "ENCASTRE": (1, 2, 3, 4, 5, 6), "PINNED": (1, 2, 3),
@@ -42,6 +45,15 @@ class Step(NamedTuple):
     end: float
     file: str
     line: int
+
+
+class Hold(NamedTuple):
+    """A support: its value, the intervals in which it holds (empty: always), and the share of the way to its
+    value that is left."""
+
+    curve: Curve
+    during: tuple[tuple[float, float], ...] = ()
+    kept: Curve = _NONE
 
 
 class Given(NamedTuple):
@@ -75,7 +87,7 @@ class History:
     curves, given
         Key -> curve, and the last that gave it.
     fixed
-        Node -> number of the step from which on its displacements stay what they are (FIXED).
+        Node of a bolt or body -> step from which on its displacements stay what they are (FIXED).
     start_temperatures
         Node -> temperature without thermal strain.
     increments
@@ -92,6 +104,8 @@ class History:
     given: dict[Key, Given] = field(default_factory=dict)
     fixed: dict[int, int] = field(default_factory=dict)
     forced: dict[Key, list[int]] = field(default_factory=dict)
+    spans: dict[Key, list[tuple[float, float]]] = field(default_factory=dict)
+    kept: dict[Key, Curve] = field(default_factory=dict)
     start_temperatures: dict[int, float] = field(default_factory=dict)
     increments: list[float] = field(default_factory=list)
     frictions: dict[str, dict[Step, Card]] = field(default_factory=dict)
@@ -158,7 +172,7 @@ class History:
             if card.get("OP") == "NEW":
                 fresh |= {kind, "b"} if kind == "p" else {kind}
             if card.keyword == "BOUNDARY" and "FIXED" in card.parameters:
-                self._fix(card, number)
+                self._fix(card, number, found)
             else:
                 self._rows(card, lambda c, r, f, m=method: m(self, c, r, f), found)  # type: ignore[misc]
         phase = _Phase(number, begin, end, head.get("AMPLITUDE") == "STEP")
@@ -185,10 +199,14 @@ class History:
         for row in card.rows:
             method(card, row, found)
 
-    def _fix(self, card: Card, number: int) -> None:
-        for row in card.rows:
-            for node in self.model.root.node_rows(card, row.words[0], row.where):
-                self.fixed.setdefault(node, number)
+    def _fix(self, card: Card, number: int, found: dict[Key, list[Given]]) -> None:
+        stay: dict[Key, list[Given]] = {}
+        self._rows(card, self._boundary, stay)
+        for key, given in stay.items():
+            if key[1] in self.references:
+                self.fixed.setdefault(key[1], number)
+            else:
+                found[key] = given
 
     # --- rows -------------------------------------------------------------------------------------
     def _boundary(self, card: Card, row: Row, found: dict[Key, list[Given]]) -> None:
@@ -264,28 +282,73 @@ class History:
         self, fresh: set[str], found: dict[Key, list[Given]], phase: _Phase, cards: list[Card]
     ) -> None:
         """What OP=NEW takes away falls to nothing in the course of the step."""
-        for key, curve in self.curves.items():
+        for key, curve in list(self.curves.items()):
             if key[0] not in fresh or key in found:
                 continue
             if key[0] == "u":
-                if key[1] in self.references and key[1] in self.fixed:
-                    continue
-                card = next(c for c in cards if c.keyword == "BOUNDARY" and c.get("OP") == "NEW")
-                node = self.model.node_names[key[1]]
-                self.model.note("refused", card, f"OP=NEW takes a support of node {node} away: supports last")
-                return
+                self._release(key, phase, cards)
+                continue
             rest = self.start_temperatures.get(key[1], 0.0) if key[0] == "T" else 0.0
             held = ((phase.start, curve[-1][1]),) if curve[-1][0] < phase.start else ()
             self.curves[key] = (*curve, *held, (phase.end, rest))
 
+    def _release(self, key: Key, phase: _Phase, cards: list[Card]) -> None:
+        """End a support at the begin of a step."""
+        if key[1] not in self.references:
+            start, end = self.spans[key][-1]
+            if not phase.start > start:
+                del self.curves[key], self.spans[key], self.kept[key]
+            elif end == math.inf:
+                self.spans[key][-1] = start, phase.start
+                for curves in (self.curves, self.kept):  # up to here they are what they were
+                    last, value = curves[key][-1]
+                    curves[key] += ((phase.start, value),) if last < phase.start else ()
+        elif key[1] not in self.fixed:
+            card = next(c for c in cards if c.keyword == "BOUNDARY" and c.get("OP") == "NEW")
+            node = self.model.node_names[key[1]]
+            self.model.note("refused", card, f"OP=NEW takes a support of node {node} away, which belongs "
+                            "to no solid or moves a body: these last")
+
+    def _hold(self, key: Key, given: Given, phase: _Phase) -> bool:
+        """Begin a support, or go on with it; whether it goes from where its node is to a constant value."""
+        spans, kept = self.spans.setdefault(key, []), self.kept.setdefault(key, ())
+        stays, at_once = "FIXED" in given.card.parameters, phase.at_once or bool(given.card.get("AMPLITUDE"))
+        if spans and spans[-1][1] == math.inf:
+            if kept[-1][1] and not stays:  # from where it was held to a value
+                soon = phase.start + _JUMP * (phase.end - phase.start) if at_once else phase.end
+                held = () if kept[-1][0] == phase.start else ((phase.start, kept[-1][1]),)
+                self.kept[key] = (*kept, *held, (soon, 0.0))
+            return False
+        if phase.number > 1 and key[1] in self.references and key[1] not in self.bolts:
+            name = self.model.node_names[key[1]]
+            self.model.note("refused", given.card, f"node {name} is held from step {phase.number} on, but "
+                            "belongs to no solid or moves a body: its supports last from the first step on",
+                            given.row.where)
+        spans.append((phase.start, math.inf))
+        late = phase.number > 1 and (stays or not at_once)
+        own = {phase.start: float(late), phase.end: float(stays and late)}
+        self.kept[key] = (*kept, *own.items())
+        return late
+
+    def hold(self, key: Key) -> Hold:
+        """A support as it comes and goes."""
+        end = self.steps[-1].end
+        during = tuple((start, min(stop, end)) for start, stop in self.spans[key])
+        if during == ((0.0, end),) or key[1] in self.references:
+            return Hold(self.curves[key])
+        return Hold(self.curves[key], during, self.kept[key] if any(v for _, v in self.kept[key]) else _NONE)
+
+    def lasts(self, key: Key) -> bool:
+        """Whether a support holds from the begin to the end."""
+        return key in self.curves and not self.hold(key).during
+
     def _apply(self, phase: _Phase, found: dict[Key, list[Given]]) -> None:
         for key, given in found.items():
             before = self._last(key)
-            late = key[0] == "u" and key not in self.curves and phase.number > 1
-            if late and key[1] not in self.bolts:
-                name = self.model.node_names[key[1]]
-                self.model.note("refused", given[0].card, f"node {name} is held from step {phase.number} on: "
-                                "supports last from the first step on", given[0].row.where)
+            if key[0] == "u":
+                if "FIXED" in given[0].card.parameters:
+                    given = [given[0]._replace(value=before)]
+                before = given[0].value if self._hold(key, given[0], phase) else before
             self.given[key] = given[0]
             self.forced.setdefault(key, []).append(phase.number)
             total: dict[float, float] = {}
@@ -308,6 +371,8 @@ class History:
             return (phase.start, before), (phase.end, given.value)
         table, total_time = self._amplitude(name, given)
         shift = 0.0 if total_time else phase.start
+        if given.card.get("TIMEDELAY") is not None:
+            shift += given.card.number(Row(given.card.where, [given.card.need("TIMEDELAY")]), 0, "TIME DELAY")
         inside = [t + shift for t, _ in table if phase.start < t + shift < phase.end]
         points = [(t, given.value * _at(table, t - shift)) for t in (phase.start, *inside, phase.end)]
         if points[0][1] != before and phase.start > 0.0:

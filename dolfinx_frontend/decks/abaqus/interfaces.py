@@ -11,14 +11,17 @@ import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.axes import Axes
-from dolfinx_frontend.decks.abaqus.cards import Card, Row, Where, placed
+from dolfinx_frontend.decks.abaqus.cards import Card, Row, placed
 from dolfinx_frontend.decks.abaqus.elements import KINDS, listed
 from dolfinx_frontend.decks.abaqus.faces import Faces, Sides
 from dolfinx_frontend.decks.abaqus.facets import Distance, Facets
 from dolfinx_frontend.decks.abaqus.history import Curve, History, combined
-from dolfinx_frontend.decks.abaqus.links import Links, unused
+from dolfinx_frontend.decks.abaqus.links import Links, Sum, unused
+from dolfinx_frontend.decks.abaqus.materials import thickness_of
 from dolfinx_frontend.decks.abaqus.model import Interaction, Model
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs
+from dolfinx_frontend.decks.abaqus.points import areas_at, over
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
 from dolfinx_frontend.scene.scene import Scene
@@ -215,28 +218,76 @@ class Joints:
         return math.copysign(1.0, cosine)
 
     # --- contact ------------------------------------------------------------------------------------
-    def _surfaces(self, card: Card, row: Row) -> tuple[list[str], list[Sides]]:
+    def _surfaces(self, card: Card, row: Row) -> tuple[list[str], Sides, Sides, list[int]]:
+        """Names, faces of the slave and of the master, and nodes of the slave that are on no face of it."""
         if len(row.words) < 2 or not row.words[1]:
             raise card.error("one surface only, contact with itself is not read; name two", row.where)
         names = [w.upper() for w in row.words[:2]]
-        return names, [self.mesh.sides(self.model.root, card, w, row.where) for w in names]
+        (slave, alone), (master, _) = (
+            self.mesh.surface(self.model.root, card, w, row.where) for w in names
+        )
+        if not master or not (slave or alone):
+            wrong = names[0] if master else names[1]
+            raise card.error(f"the surface {wrong!r} has no face of an element; give faces", row.where)
+        if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
+            raise card.error("both surfaces are the same; name two", row.where)
+        if slave and Facets(self.mesh, slave).inside(Facets(self.mesh, master)):
+            said = "both surfaces face the same way: their solids are in the same place"
+            raise card.error(f"{said}; name faces that face each other, or move a part", row.where)
+        return names, slave, master, alone
 
     def _contact(self, card: Card, row: Row) -> None:
-        names, (slave, master) = self._surfaces(card, row)
+        names, slave, master, alone = self._surfaces(card, row)
         named = card.need("INTERACTION")
         interaction = self.model.interactions.get(named)
         if interaction is None:
             known = ", ".join(self.model.interactions) or "none"
             raise card.error(f"there is no interaction {named!r} (known: {known}); define it")
         self._formulation(card)
+        if alone:
+            self._stops(card, row, names, alone, Facets(self.mesh, master), interaction)
+        if not slave:
+            return
         gap = self._gap(card, row, names, Facets(self.mesh, slave), Facets(self.mesh, master))
         apart = Facets(self.mesh, slave).distance(Facets(self.mesh, master))
-        law = self._law(named, interaction, gap, apart)
+        law = self._law(named, interaction, gap, apart, self._thickness(card, row.where, slave))
         first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
-        if {p: sorted(s) for p, s in slave.items()} == {p: sorted(s) for p, s in master.items()}:
-            raise card.error("both surfaces are the same; name two", row.where)
         reach = apart.least + _REACH * apart.facet if gap is None else max(apart.most, 0.0)
         self._join(f"{names[0]}|{names[1]}", law, first, second, reach, card, row.where)
+
+    def _stops(
+        self, card: Card, row: Row, names: list[str], nodes: list[int], master: Facets,
+        interaction: Interaction,
+    ) -> None:
+        """Single nodes that meet faces: each is a stop."""
+        stiffness, tied = self._behavior(interaction)
+        if tied or interaction.friction is not None or self.mesh.pieces[0].kind.plane == "axisymmetric":
+            what = "tied" if tied else "axisymmetric" if interaction.friction is None else "with friction"
+            said = f"contact of single nodes that is {what}: give a surface of faces"
+            self.model.note("refused", card, said, row.where)
+            return
+        areas, adjusted = areas_at(self.mesh, nodes), self._adjusted(card, row)
+        stated, lost = self._clearance(names), []
+        for node in nodes:
+            below = over(self.mesh, master, node) if node in self.mesh.pieces_of_node else None
+            if below is None:
+                lost.append(self.model.node_names[node])
+                continue
+            gap = below.distance if stated is None else stated
+            if stated is None and adjusted is not None:
+                wanted, tolerance = adjusted
+                gap = 0.0 if (node in wanted if wanted else gap <= tolerance) else gap
+            own = {n: -share for n, share in below.shares.items()} | {node: 1.0}
+            along = [(k, float(c)) for k, c in enumerate(below.normal, start=1) if c]
+            terms = {(n, k): w * c for n, w in own.items() for k, c in along}
+            thickness = self._thickness(card, row.where, self.mesh.pieces_of_node[node])
+            yields = None if stiffness is None else stiffness * areas[node] * thickness
+            name = f"{names[0]} node {self.model.node_names[node]}|{names[1]}"
+            self.links.sums.append(Sum(terms, card, row.where, yields, gap=gap, name=name))
+        if lost:
+            shown = ", ".join(lost[:4]) + (", ..." if len(lost) > 4 else "")
+            said = f"nodes over no face of {names[1]} meet nothing: {shown}"
+            self.model.note("changed", card, said, row.where)
 
     def _join(
         self,
@@ -260,22 +311,41 @@ class Joints:
             self.model.note("changed", card, f"{kind}: discretised by mortar multipliers")
         self.model.note("changed", card, "sliding is small: faces meet where they are meshed")
 
-    def _gap(
-        self, card: Card, row: Row, names: list[str], slave: Facets, master: Facets
-    ) -> Any:
-        """The gap that the deck states, a number or a function of the points; None: as meshed."""
+    def _thickness(self, card: Card, where: Where, pieces: Iterable[int]) -> float:
+        """Of what a surface belongs to."""
+        found = sorted({thickness_of(self.mesh.pieces[p]) for p in pieces})
+        if len(found) > 1:
+            shown = ", ".join(f"{t:g}" for t in found)
+            raise card.error(f"parts of different thicknesses ({shown}); give each a pair of its own", where)
+        return found[0]
+
+    def _clearance(self, names: list[str]) -> float | None:
+        """The clearance that a card of its own states."""
         for other in self.model.joints:
             if other.keyword == "CLEARANCE" and [other.need("SLAVE"), other.need("MASTER")] == names:
                 other.parameters["_USED"] = ""
                 return other.number(Row(other.where, [other.need("VALUE")]), 0, "VALUE")
+        return None
+
+    def _adjusted(self, card: Card, row: Row) -> tuple[set[int] | None, float] | None:
+        """Nodes that ADJUST puts onto the other surface, or None, and within which distance; None: it says
+        nothing."""
         word = card.get("ADJUST")
-        if word is None or not word or word == "NO":
+        if not word or word == "NO":
             return None
-        wanted, tolerance, apart = None, 0.0, slave.distance(master)
         try:
-            tolerance = card.number(Row(card.where, [word]), 0, "ADJUST")
+            return None, card.number(Row(card.where, [word]), 0, "ADJUST")
         except DeckError:
-            wanted = set(self.model.root.node_rows(card, word, row.where))
+            return set(self.model.root.node_rows(card, word, row.where)), 0.0
+
+    def _gap(
+        self, card: Card, row: Row, names: list[str], slave: Facets, master: Facets
+    ) -> Any:
+        """The gap that the deck states, a number or a function of the points; None: as meshed."""
+        stated, adjusted = self._clearance(names), self._adjusted(card, row)
+        if stated is not None or adjusted is None:
+            return stated
+        (wanted, tolerance), apart = adjusted, slave.distance(master)
         all_of_it = set(listed(slave.nodes[slave.nodes < len(self.model.x)]))
         if (
             apart.most <= tolerance * (1.0 + 1e-6) + _TOUCHING * apart.extent if wanted is None
@@ -284,9 +354,10 @@ class Joints:
             return 0.0
         return slave.adjusted(master, wanted, tolerance)
 
-    def _law(self, name: str, interaction: Interaction, gap: Any, apart: Distance) -> Law:
+    def _law(self, name: str, interaction: Interaction, gap: Any, apart: Distance, thickness: float) -> Law:
         stiffness, tied = self._behavior(interaction)
         mu, stick = (0.0, None) if interaction.friction is None else self._friction(interaction.friction)
+        stiffness, stick = (None if k is None else k * thickness for k in (stiffness, stick))
         curve = self.history.changing(name, mu, lambda card: self._friction(card)[0])
         friction = self.history.value(curve) if any(v for _, v in curve) else None
         if tied:
@@ -351,7 +422,10 @@ class Joints:
         if not card.rows:
             raise card.error("it has no surfaces; name two in the next line")
         for row in card.rows:
-            _, (slave, master) = self._surfaces(card, row)
+            _, slave, master, alone = self._surfaces(card, row)
+            self._tie_nodes(card, row, alone, Facets(self.mesh, master))
+            if not slave:
+                continue
             word = card.get("POSITIONTOLERANCE")
             reach = None if word is None else card.number(Row(card.where, [word]), 0, "POSITION TOLERANCE")
             if reach is None:
@@ -360,6 +434,14 @@ class Joints:
             names = [w.upper() for w in row.words[:2]]
             first, second = self.faces.ask(names[0], slave), self.faces.ask(names[1], master)
             self._join(name, Perfect(), first, second, reach, card, row.where)
+
+    def _tie_nodes(self, card: Card, row: Row, nodes: list[int], master: Facets) -> None:
+        for node in nodes:
+            below = over(self.mesh, master, node)
+            if below is None:
+                name = self.model.node_names[node]
+                raise card.error(f"node {name} lies over no face of {row.words[1]!r}; take it out", row.where)
+            self.links.tie(card, row.where, node, below.shares)
 
     def _rigid_body(self, card: Card) -> None:
         root, mesh = self.model.root, self.mesh

@@ -15,15 +15,16 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.decks.abaqus.axes import Axes, axes_of
-from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, Where, placed
+from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, placed
 from dolfinx_frontend.decks.abaqus.elements import RODS, listed
 from dolfinx_frontend.decks.abaqus.history import Curve, Given, History, combined
 from dolfinx_frontend.decks.abaqus.model import Model, Scope
 from dolfinx_frontend.decks.abaqus.pieces import Mesh
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.scene import Scene
 
-__all__ = ["Links", "unused"]
+__all__ = ["Links", "Sum", "unused"]
 
 Dof = tuple[int, int]
 """A node, and 1 to 3 of its displacements, 4 to 6 of its rotations, about global axes."""
@@ -34,13 +35,21 @@ _ROUNDING = 1e-12
 
 @dataclass
 class Sum:
-    """Coefficients of displacements, what their sum is, and the stiffness of a spring; None: it is rigid."""
+    """Coefficients of displacements, what their sum is, and the stiffness of a spring; None: it is rigid.
+    With a gap the sum may be larger, and smaller by that."""
 
     terms: dict[Dof, float]
     card: Card
     where: Where
     stiffness: float | None = None
     value: Curve = ((0.0, 0.0),)
+    gap: float | None = None
+    name: str = ""
+
+    @property
+    def rigid(self) -> bool:
+        """Whether it is an equation."""
+        return self.stiffness is None and self.gap is None
 
     def error(self, text: str) -> DeckError:
         """The error of its row, to be raised."""
@@ -97,18 +106,20 @@ class Links:
     # --- reading -------------------------------------------------------------------------------------
     def collect(self) -> None:
         """The sums of the cards of the model."""
-        springs = {k for k, e in enumerate(self.model.elements) if e.kind.startswith("SPRING")}
+        springs = {k for k, e in enumerate(self.model.elements) if e.kind.startswith(("SPRING", "GAP"))}
         for scope, card in self.model.links:
             if card.keyword == "EQUATION":
                 self._equations(scope, card)
             elif card.keyword == "SPRING":
                 springs -= self._springs(scope, card)
+            elif card.keyword == "GAP":
+                springs -= self._gaps(scope, card)
             elif card.keyword == "DISTRIBUTING COUPLING":
                 self._distributing(scope, card)
         self._between()
         self._tighten()
         if springs:
-            raise self.model.elements[min(springs)].error("it has no *SPRING; give its set one")
+            raise self.model.elements[min(springs)].error("it has no *SPRING or *GAP; give its set one")
 
     def _between(self) -> None:
         """Where equations join all nodes of a face, the nodes between them follow them, as in elements of the
@@ -126,7 +137,7 @@ class Links:
             face = {n for n in self.mesh.face(side) if n < len(self.model.x)}
             for k in [k for k, nodes in joined.items() if nodes >= face]:
                 for node, shares in self.mesh.between(side).items():
-                    known = all(("u", n, k) in self.history.curves for n in shares)
+                    known = all(self.history.lasts(("u", n, k)) for n in shares)
                     if (node, k) not in seen and not known:
                         seen.add((node, k))
                         follows = {(n, k): w for n, w in shares.items()}
@@ -246,6 +257,27 @@ class Links:
             self._add(card, self.model.elements[e].where, terms, stiffness)
         return set(members)
 
+    def _gaps(self, scope: Scope, card: Card) -> set[int]:
+        """Two nodes each that come no nearer along a direction than a clearance lets them."""
+        members = scope.element_rows(card, card.need("ELSET"), card.where)
+        if not card.rows or any(self.model.elements[e].kind != "GAPUNI" for e in members):
+            raise card.error("it has a line of clearance and direction, and elements GAPUNI; correct it")
+        row = card.rows[0]
+        gap, *along = (card.number(row, k, "clearance or direction", 0.0) for k in range(4))
+        stiffness = card.number(row, 5, "stiffness", 0.0)
+        length = float(np.linalg.norm(along))
+        if not length > 0.0 or stiffness < 0.0:
+            raise card.error("its direction has a length, its stiffness is >= 0; correct them", row.where)
+        for e in members:
+            element = self.model.elements[e]
+            terms = {
+                (node, k + 1): sign * c / length
+                for node, sign in zip(element.nodes, (-1.0, 1.0)) for k, c in enumerate(along) if c
+            }
+            name = f"gap {'-'.join(self.model.node_names[n] for n in element.nodes)}"
+            self.sums.append(Sum(terms, card, element.where, stiffness or None, gap=gap, name=name))
+        return set(members)
+
     def orientation(self, scope: Scope, card: Card) -> Axes | None:
         """Axes that a card names; None: global."""
         name = card.get("ORIENTATION")
@@ -307,6 +339,11 @@ class Links:
                         terms[at] = terms.get(at, 0.0) - float(of_turns[k])
                 self._add(card, card.where, [terms])
 
+    def tie(self, card: Card, where: Where, node: int, shares: Mapping[int, float]) -> None:
+        """A node moves as a point between others."""
+        for k in range(1, self.dim + 1):
+            self._add(card, where, [{(node, k): -1.0}, {(n, k): share for n, share in shares.items()}])
+
     # --- taking the reference nodes out --------------------------------------------------------------
     def reduce(self, bodies: set[int]) -> None:
         """Take out what is given, and the displacements of nodes that belong to no solid.
@@ -324,7 +361,8 @@ class Links:
                 name = self.model.node_names[node]
                 raise first.error(f"node {name} moves a rigid body or a bolt: hold it, or join other nodes")
         for each in self.sums:
-            for dof in [d for d in each.terms if ("u", *d) in curves and d[0] not in self.model.transforms]:
+            own = [d for d in each.terms if d[0] not in self.model.transforms]
+            for dof in [d for d in own if self.history.lasts(("u", *d))]:
                 each.take(dof, {}, curves["u", *dof])
         for key, curve in curves.items():
             if key[0] == "u" and key[1] in used and key[1] not in solid and key[1] in self.model.transforms:
@@ -332,14 +370,14 @@ class Links:
                 self.sums.append(Sum(terms, given.card, given.row.where, None, curve))
         for node, k in sorted({d for each in self.sums for d in each.terms if d[0] not in solid}):
             self._eliminate((node, k))
-        rigid = [each for each in self.sums if each.stiffness is None and not each.terms]
+        rigid = [each for each in self.sums if each.rigid and not each.terms]
         if any(abs(v) > 0.0 for each in rigid for _, v in each.value):
             wrong = next(each for each in rigid if any(v for _, v in each.value))
             raise wrong.error("supports contradict it; take one of them out")
         self.sums = [each for each in self.sums if each.terms]
 
     def _eliminate(self, dof: Dof) -> None:
-        rigid = [e for e in self.sums if e.stiffness is None and abs(e.terms.get(dof, 0.0)) > 0.0]
+        rigid = [e for e in self.sums if e.rigid and abs(e.terms.get(dof, 0.0)) > 0.0]
         if not rigid:
             left = next((e for e in self.sums if dof in e.terms), None)
             if left is not None:
@@ -410,9 +448,13 @@ class Links:
                 (pieces[next(p for p in own if p in parts)].name, listed(self.mesh.x[node, :d]), vector)
                 for own, (node, vector) in zip(options, vectors.items())
             ]
-            name = unused(f"{each.card.keyword.lower()} {each.where.line}", used)
+            name = unused(each.name or f"{each.card.keyword.lower()} {each.where.line}", used)
+            value, gap = self.history.value(each.value), None
+            if each.gap is not None:
+                left = combined([(1.0, ((0.0, each.gap),)), (-1.0, each.value)])
+                value, gap = 0.0, self.history.value(left)
             with placed(each.where, each.card.keyword):
-                scene.link(name, terms, self.history.value(each.value), each.stiffness)
+                scene.link(name, terms, value, each.stiffness, gap)
 
     def _parts(self, options: list[list[int]]) -> set[int] | None:
         """One or two parts, each node in one of them."""

@@ -11,14 +11,15 @@ from dolfinx import fem, geometry
 from dolfinx import mesh as dmesh
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.cards import placed
 from dolfinx_frontend.decks.abaqus.elements import listed
 from dolfinx_frontend.decks.abaqus.faces import Faces
-from dolfinx_frontend.decks.abaqus.history import Curve, Given, History, combined
+from dolfinx_frontend.decks.abaqus.history import Curve, Given, History, Hold, combined
 from dolfinx_frontend.decks.abaqus.links import Links, unused
+from dolfinx_frontend.decks.abaqus.materials import thickness_of
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs, Piece
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.scene import Scene
@@ -29,7 +30,8 @@ _NEAR = 1e-6
 """Distance, relative to the part, within which a point is a node."""
 
 _VARIES = -2
-"""In place of the number of a curve: the nodes of a face have several."""
+"""In place of the number of a support, less the first one that comes and goes alike: the nodes of a face have
+several values."""
 
 
 class Nodal:
@@ -72,11 +74,12 @@ class Loads:
         self.model = mesh.model
         self.dim = mesh.pieces[0].kind.dim
         self._pressures: list[tuple[Curve, Given, int]] = []
-        self._supports: list[tuple[int, str, tuple[int, ...], Curve | None, Given, Array]] = []
-        self._points: list[tuple[int, int, tuple[int, ...], Curve, Given, Array]] = []
+        self._supports: list[tuple[int, str, tuple[int, ...], Hold, Given, Array]] = []
+        self._points: list[tuple[int, int, tuple[int, ...], Hold, Given, Array]] = []
         self._used: set[str] = set()
         self._held = np.full((0, 3), -1, dtype=np.int64)
-        self._curves: list[Curve] = []
+        self._holds: list[Hold] = []
+        self._timing: Ints = np.zeros(0, dtype=np.int64)
         self._givers: dict[int, Given] = {}
 
     # --- faces that are needed --------------------------------------------------------------------
@@ -97,16 +100,17 @@ class Loads:
 
     def divide(self) -> None:
         """Make faces of the nodes that are held, outside of those that joints and pressures have."""
-        number: dict[Curve, int] = {}
+        number: dict[Hold, int] = {}
         self._held = np.full((len(self.model.x), 3), -1, dtype=np.int64)
-        for key, curve in self.history.curves.items():
+        for key in self.history.curves:
             if key[0] != "u" or key[1] in self.history.references or key[2] > self.dim:
                 continue
-            if curve not in number:
-                number[curve] = len(self._curves)
-                self._curves.append(curve)
-            self._held[key[1], key[2] - 1] = number[curve]
+            hold = self.history.hold(key)
+            self._held[key[1], key[2] - 1] = number.setdefault(hold, len(number))
             self._givers[key[1]] = self.history.given[key]
+        self._holds = list(number)
+        timings = [hold[1:] for hold in self._holds]
+        self._timing = np.array([timings.index(each) for each in timings], dtype=np.int64)
         taken = self.faces.taken()
         for p, piece in enumerate(self.mesh.pieces):
             held = [n for n in listed(piece.nodes) if n in self._givers]
@@ -126,7 +130,8 @@ class Loads:
     def _held_faces(self, p: int, piece: Piece, taken: set[tuple[int, int]]) -> dict[int, set[int]]:
         """Faces of which all nodes are held along one direction; returns the components held at each node."""
         count = len(self._held)
-        rest = next((k for k, curve in enumerate(self._curves) if not any(v for _, v in curve)), None)
+        clamps = (not h.during and not any(v for _, v in h.curve) for h in self._holds)
+        rest = next((k for k, clamps_it in enumerate(clamps) if clamps_it), -1)
         groups: dict[tuple[tuple[int, ...], tuple[float, ...]], Pairs] = {}
         for side in piece.exterior:
             if side in taken:
@@ -134,12 +139,14 @@ class Loads:
             nodes = [n for n in self.mesh.face(side) if n < count]
             found = self._held[nodes]
             alike, key = np.ones(3, dtype=bool), ()
-            clamped = rest is not None and (found[:, : self.dim] == rest).all()  # along any axes
+            clamped = rest >= 0 and (found[:, : self.dim] == rest).all()  # along any axes
             if not clamped and any(n in self.model.transforms for n in nodes):
                 every = np.array([self._axes(n) for n in nodes])
                 alike = np.abs(every - every[0]).max(axis=(0, 2)) < _NEAR
                 key = tuple(listed(np.round(every[0].ravel(), 12)))
-            own = np.where((found != found[0]).any(axis=0), _VARIES, found[0])
+            timing = np.append(self._timing, -1)[found]
+            varies = np.where((timing != timing[0]).any(axis=0), -1, _VARIES - timing[0])
+            own = np.where((found != found[0]).any(axis=0), varies, found[0])
             signature = tuple(listed(np.where((found >= 0).all(axis=0) & np.resize(alike, 3), own, -1)))
             if any(s != -1 for s in signature):
                 groups.setdefault((signature, key), []).append(side)
@@ -153,8 +160,8 @@ class Loads:
                 covered.setdefault(n, set()).update(c for c in range(3) if signature[c] != -1)
             axes = self._axes(on[0])
             for s, components in _alike(signature).items():
-                curve = None if s == _VARIES else self._curves[s]
-                self._supports.append((p, name, components, curve, given, axes))
+                hold = self._holds[s] if s >= 0 else self._holds[_VARIES - s]._replace(curve=())
+                self._supports.append((p, name, components, hold, given, axes))
         return covered
 
     def _held_middles(self, p: int, piece: Piece, covered: Mapping[int, set[int]]) -> None:
@@ -166,18 +173,17 @@ class Loads:
                 continue
             held = self._held[parents]
             for c in np.flatnonzero((held >= 0).all(axis=0)):
-                curve = self._curves[held[0, c]]
-                if (held[:, c] != held[0, c]).any():
-                    curve = combined([(w, self._curves[k]) for w, k in zip(shares.values(), held[:, c])])
-                if c not in covered.get(node, ()):
+                holds = [self._holds[k] for k in held[:, c]]
+                hold = holds[0] if len(set(holds)) == 1 else _between(list(shares.values()), holds)
+                if hold is not None and c not in covered.get(node, ()):
                     axes = self._axes(node, parents[0])
-                    self._points.append((p, node, (int(c),), curve, self._givers[parents[0]], axes))
+                    self._points.append((p, node, (int(c),), hold, self._givers[parents[0]], axes))
 
     def _held_point(self, p: int, node: int, covered: Mapping[int, set[int]]) -> None:
         done, given = covered.get(node, set()), self._givers[node]
         rest = tuple(-1 if c in done else s for c, s in enumerate(listed(self._held[node])))
         for s, components in _alike(rest).items():
-            self._points.append((p, node, components, self._curves[s], given, self._axes(node)))
+            self._points.append((p, node, components, self._holds[s], given, self._axes(node)))
 
     def _nodal(self, scene: Scene, piece: Piece, curves: Mapping[int, tuple[Curve, ...]], count: int) -> Any:
         """A field of some components, of node -> curves: a function of the points, or a sum of amplitudes
@@ -203,41 +209,44 @@ class Loads:
             terms.append((Amplitude([times[j] for j in near], [float(j == k) for j in near]), field))
         return Varying(tuple(terms))
 
+    def _timed(self, hold: Hold) -> tuple[Any, Any]:
+        """When a support holds, and what of the way to its value is left, as a scene takes them."""
+        return (hold.during, self.history.value(hold.kept)) if hold.during else (None, 0.0)
+
     # --- into a scene ---------------------------------------------------------------------------------
     def _name(self, label: str) -> str:
         return unused(label, self._used)
 
-    def put(
-        self, scene: Scene, densities: Mapping[str, float], alphas: Mapping[str, Any], thickness: float
-    ) -> None:
+    def put(self, scene: Scene, densities: Mapping[str, float], alphas: Mapping[str, Any]) -> None:
         """Add all to a scene that has the parts and the joints."""
         self._used = set(scene.interfaces) | set(scene.loads)
         zero: Curve = ((0.0, 0.0),)
         by_node: dict[int, tuple[Curve, ...]] = {
-            n: tuple(self._curves[k] if k >= 0 else zero for k in listed(self._held[n, : self.dim]))
+            n: tuple(self._holds[k].curve if k >= 0 else zero for k in listed(self._held[n, : self.dim]))
             for n in self._givers
         }
-        for p, name, components, curve, given, axes in self._supports:
+        for p, name, components, hold, given, axes in self._supports:
             with placed(given.row.where, given.card.keyword):
                 value = (
-                    self._nodal(scene, self.mesh.pieces[p], by_node, self.dim) if curve is None
-                    else self.history.value(curve)
+                    self.history.value(hold.curve) if hold.curve
+                    else self._nodal(scene, self.mesh.pieces[p], by_node, self.dim)
                 )
-                scene.fix(self.faces.text(p, name), value, components, self._name(name), _unless_global(axes))
-        for p, node, components, curve, given, axes in self._points:
+                own = self._name(name), _unless_global(axes), *self._timed(hold)
+                scene.fix(self.faces.text(p, name), value, components, *own)
+        for p, node, components, hold, given, axes in self._points:
             x = listed(self.mesh.x[node, : self.dim])
             with placed(given.row.where, given.card.keyword):
-                value = self.history.value(curve)
-                name = self._name(f"{given.target} node")
-                part = self.mesh.pieces[p].name
-                scene.fix_point(part, x, value, components, name, _unless_global(axes))
+                value = self.history.value(hold.curve)
+                part, name = self.mesh.pieces[p].name, self._name(f"{given.target} node")
+                timed = self._timed(hold)
+                scene.fix_point(part, x, value, components, name, _unless_global(axes), False, *timed)
         for curve, given, asked in self._pressures:
             for p, face, _ in self.faces.named(asked):
                 with placed(given.row.where, given.card.keyword):
-                    value = self.history.value(curve) * thickness
+                    value = self.history.value(curve) * thickness_of(self.mesh.pieces[p])
                     scene.pressure(self.faces.text(p, face), value, self._name(f"pressure {given.target}"))
         self._forces(scene)
-        self._body_forces(scene, densities, thickness)
+        self._body_forces(scene, densities)
         self._temperatures(scene, alphas)
 
     def _forces(self, scene: Scene) -> None:
@@ -257,7 +266,7 @@ class Loads:
                 force = tuple(self.history.value(curves.get(k, zero)) for k in range(1, self.dim + 1))
                 scene.point_force(self.mesh.pieces[p].name, x, force, self._name(f"force {given.target}"))
 
-    def _body_forces(self, scene: Scene, densities: Mapping[str, float], thickness: float) -> None:
+    def _body_forces(self, scene: Scene, densities: Mapping[str, float]) -> None:
         groups: dict[tuple[Any, ...], set[int]] = {}
         for key, curve in self.history.curves.items():
             if key[0] == "b" and any(v for _, v in curve):
@@ -273,12 +282,13 @@ class Loads:
                 raise given.error(f"{label} on some elements of {piece.name!r}: give it to all of them, or "
                                   "the others a *SOLID SECTION of their own")
             value, name = self.history.value(curve), self._name(f"{label} {piece.name}")
+            density *= thickness_of(piece)
             direction = np.array(axis[-3:]) / np.linalg.norm(axis[-3:])
             if label == "GRAV":
-                force = tuple(value * float(density * thickness * c) for c in direction[: self.dim])
+                force = tuple(value * float(density * c) for c in direction[: self.dim])
                 scene.body_force(piece.name, force, name)
             else:
-                field = _outward(density * thickness, np.array(axis[:3]), direction)
+                field = _outward(density, np.array(axis[:3]), direction)
                 scene.body_force(piece.name, _times(value, field), name)
 
     def _temperatures(self, scene: Scene, alphas: Mapping[str, Any]) -> None:
@@ -302,6 +312,18 @@ class Loads:
                 continue
             field = self._nodal(scene, piece, {n: (curve,) for n, curve in rises.items()}, 1)
             scene.temperature(piece.name, _first_of(field), alpha, name=name)
+
+
+def _between(shares: list[float], holds: list[Hold]) -> Hold | None:
+    """Of a node between others: held while all of these are; None: never."""
+    timed = [hold for hold in holds if hold.during] or holds[:1]
+    during = timed[0].during
+    for other in timed[1:]:
+        both = ((max(a, c), min(b, d)) for a, b in during for c, d in other.during)
+        during = tuple((start, end) for start, end in both if end > start)
+        if not during:
+            return None
+    return Hold(combined([(w, hold.curve) for w, hold in zip(shares, holds)]), during, timed[0].kept)
 
 
 def _alike(signature: tuple[int, ...]) -> dict[int, tuple[int, ...]]:

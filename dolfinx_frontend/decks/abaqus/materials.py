@@ -10,7 +10,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.axes import axes_of
 from dolfinx_frontend.decks.abaqus.cards import Card, Row
 from dolfinx_frontend.decks.abaqus.model import Model
-from dolfinx_frontend.decks.abaqus.pieces import Mesh, Piece
+from dolfinx_frontend.decks.abaqus.pieces import Piece
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 
 __all__ = ["expansion_of", "material_of", "number_of", "thickness_of"]
@@ -56,7 +56,7 @@ def material_of(model: Model, piece: Piece) -> Any:
     if elastic is None:
         raise cards["MATERIAL"].error("it has no *ELASTIC; add it")
     kind = elastic.get("TYPE") or "ISOTROPIC"
-    scale = _own_thickness(piece)
+    scale = thickness_of(piece)
     plane = {"stress": "stress"}.get(piece.kind.plane, "strain")
     row = _row(elastic)
     try:
@@ -77,11 +77,14 @@ def _orthotropic(model: Model, card: Card, kind: str, piece: Piece) -> Any:
     if piece.kind.dim == 2:
         raise card.error(f"TYPE = {kind} in the plane is not read; give isotropic constants, or a solid")
     values = [card.number(Row(places[k], words), k, "constant") for k in range(len(words))]
+    engineering, ortho = kind.replace(" ", "") == "ENGINEERINGCONSTANTS", kind in ("ORTHO", "ORTHOTROPIC")
+    if not (engineering or ortho):
+        raise card.error(f"TYPE = {kind!r}; give ISOTROPIC, ORTHO or ENGINEERING CONSTANTS")
     if len(values) not in (9, 10):
         raise card.error(f"{kind} has 9 constants, {len(values)} are given; correct them")
-    if kind == "ENGINEERING CONSTANTS" or kind == "ENGINEERINGCONSTANTS":
+    if engineering:
         E, nu, G = values[:3], values[3:6], values[6:9]
-    elif kind in ("ORTHO", "ORTHOTROPIC"):
+    else:
         d11, d12, d22, d13, d23, d33, g12, g13, g23 = values[:9]
         stiffness = np.array([[d11, d12, d13], [d12, d22, d23], [d13, d23, d33]])
         if np.linalg.matrix_rank(stiffness) < 3:
@@ -92,8 +95,6 @@ def _orthotropic(model: Model, card: Card, kind: str, piece: Piece) -> Any:
         E = [1.0 / float(S[k, k]) for k in range(3)]
         nu = [-float(S[0, 1]) * E[0], -float(S[0, 2]) * E[0], -float(S[1, 2]) * E[1]]
         G = [g12, g13, g23]
-    else:
-        raise card.error(f"TYPE = {kind!r}; give ISOTROPIC, ORTHO or ENGINEERING CONSTANTS")
     return OrthotropicElastic(tuple(E), tuple(nu), tuple(G), axes=_axes(piece))
 
 
@@ -128,7 +129,8 @@ def expansion_of(model: Model, piece: Piece) -> Any:
     return None
 
 
-def _own_thickness(piece: Piece) -> float:
+def thickness_of(piece: Piece) -> float:
+    """Thickness of a piece in the plane; 1 of others."""
     if piece.kind.plane not in ("stress", "strain") or not piece.section.card.rows:
         return 1.0
     card = piece.section.card
@@ -136,18 +138,3 @@ def _own_thickness(piece: Piece) -> float:
     if thickness <= 0.0:
         raise card.error(f"the thickness {thickness:g} is > 0", card.rows[0].where)
     return thickness
-
-
-def thickness_of(model: Model, mesh: Mesh) -> float:
-    """The one thickness of all pieces in the plane; 1 of others.
-
-    Raises
-    ------
-    DeckError
-        Several thicknesses.
-    """
-    found = {_own_thickness(piece): piece for piece in mesh.pieces}
-    if len(found) > 1:
-        last = [*found.values()][-1].section.card
-        raise last.error(f"sections of several thicknesses ({', '.join(f'{t:g}' for t in found)}); give one")
-    return next(iter(found))

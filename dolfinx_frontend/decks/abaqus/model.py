@@ -14,10 +14,11 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.decks.abaqus.axes import Axes, axes_of, turning
-from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, Where
+from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row
 from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, REFERENCE_NODES
 from dolfinx_frontend.decks.abaqus.generated import copies, count, filled, place_of, system_of
 from dolfinx_frontend.decks.abaqus.keywords import ACTING, REPRESENTED, fate
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.decks.lines import DeckError
 
 __all__ = ["Element", "Model", "Scope", "Surface"]
@@ -221,7 +222,7 @@ class Model:
         elif card.keyword in ("CONTACT PAIR", "TIE", "PRE-TENSION SECTION", "RIGID BODY", "CLEARANCE",
                               "KINEMATIC COUPLING"):
             self.joints.append(card)
-        elif card.keyword in ("EQUATION", "SPRING", "DISTRIBUTING COUPLING"):
+        elif card.keyword in ("EQUATION", "SPRING", "GAP", "DISTRIBUTING COUPLING"):
             self.links.append((scope, card))
         elif card.keyword in ("BOUNDARY", "INITIAL CONDITIONS"):
             self.early.append(card)

@@ -16,9 +16,10 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.decks.abaqus.cards import Card, Where
+from dolfinx_frontend.decks.abaqus.cards import Card
 from dolfinx_frontend.decks.abaqus.elements import FACES, KINDS, Kind, face_nodes, listed, middles
 from dolfinx_frontend.decks.abaqus.model import Model, Scope, Section
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.geometry.gmsh import assembled
 from dolfinx_frontend.geometry.meshed import Meshed
 from dolfinx_frontend.geometry.parts import Part
@@ -238,6 +239,15 @@ class Mesh:
 
     def sides(self, scope: Scope, card: Card, word: str, where: Where) -> dict[int, Pairs]:
         """Faces of a surface by piece: of faces, or those of which all nodes are in a surface of nodes."""
+        found, _ = self.surface(scope, card, word, where)
+        if not found:
+            raise card.error(f"the surface {word!r} has no face of an element; give faces", where)
+        return found
+
+    def surface(
+        self, scope: Scope, card: Card, word: str, where: Where
+    ) -> tuple[dict[int, Pairs], list[int]]:
+        """The same, which may be none, and the nodes of a surface of nodes that are on none of them."""
         model = self.model
         scope, surface = scope.surface(card, word, where)
         pairs: Pairs = []
@@ -260,9 +270,7 @@ class Mesh:
             if not self.outside(side):
                 raise surface.card.error(f"the surface {surface.name!r} runs inside a part; give outer faces")
             out.setdefault(int(self.of_element[side[0]]), []).append(side)
-        if not out:
-            raise surface.card.error(f"the surface {surface.name!r} has no face of an element; give faces")
-        return out
+        return out, sorted(wanted.difference(*map(self.face, pairs)))
 
     def parts(self, faces: Mapping[int, Mapping[str, Pairs]]) -> dict[str, Part]:
         """The meshes, with named faces by piece.

@@ -24,8 +24,8 @@ from dolfinx_frontend.common.files import write_text
 from dolfinx_frontend.common.groups import group_labels
 from dolfinx_frontend.decks.abaqus.elements import listed
 from dolfinx_frontend.decks.abaqus.meshed import Meshed
-from dolfinx_frontend.scene.amplitudes import check_times
-from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
+from dolfinx_frontend.scene.amplitudes import Varying, check_times
+from dolfinx_frontend.scene.laws import Contact, Elastic, Held, Law, Perfect, Preload
 from dolfinx_frontend.scene.laws.base import Elimination
 from dolfinx_frontend.scene.laws.rigid import Rigid
 from dolfinx_frontend.scene.loads import LoadTerm, is_field
@@ -74,6 +74,8 @@ class _Deck:
         self.steps: list[list[str]] = [[] for _ in self.times]
         self.held: list[str] = []
         self.given: list[list[str]] = [[] for _ in self.times]
+        self.coming: list[list[str]] = [[] for _ in self.times]
+        self.staying: list[list[str]] = [[] for _ in self.times]
         self.printed: list[str] = []
         self._surfaces: dict[tuple[str, str], str] = {}
         self._names: set[str] = set()
@@ -191,14 +193,11 @@ class _Deck:
         """What interfaces with one side prescribe."""
         for i in self.problem.interfaces.values():
             if i.law.elimination is Elimination.REMOVED:
-                side = i.sides[0]
-                own = side.nodes[np.isin(side.nodes, self.meshes[side.substructure].elements)]
-                x = self.problem.substructures[side.substructure].dof_coordinates[own]
-                found = [_at(i.law, t).constraint(i.name, side, x) for t in self.times]
+                x, nodes = self._held_by(i)
+                found = [_at(i.law, t).constraint(i.name, i.sides[0], x) for t in self.times]
                 moved = np.stack([v for _, v in found])  # (steps, nodes, r)
-                for k, held in enumerate(listed(self.nodes(side.substructure, own))):
+                for k, held in enumerate(listed(nodes)):
                     self.rows.setdefault(held, []).append((found[0][0], moved[:, k]))
-                self.printed.append(self.node_set(f"N {i.name}", self.nodes(side.substructure, own)))
         kept: dict[bytes, tuple[list[int], Array, Array]] = {}
         for node, given in sorted(self.rows.items()):
             directions = np.concatenate([each for each, _ in given])
@@ -209,6 +208,37 @@ class _Deck:
             pivots, rows, by = kept[key]
             for k, pivot in enumerate(pivots):
                 self._support(node, pivot, rows[k], values @ by[k])
+
+    def _held_by(self, i: Interface) -> tuple[Array, Ints]:
+        """Places and numbers of the nodes of a support, whose reaction is printed."""
+        side = i.sides[0]
+        own = side.nodes[np.isin(side.nodes, self.meshes[side.substructure].elements)]
+        nodes = self.nodes(side.substructure, own)
+        self.printed.append(self.node_set(f"N {i.name}", nodes))
+        return self.problem.substructures[side.substructure].dof_coordinates[own], nodes
+
+    def passing(self) -> None:
+        """Supports that come and go."""
+        for i in self.problem.interfaces.values():
+            if not isinstance(i.law, Held):
+                continue
+            (x, nodes), released = self._held_by(i), False
+            for k, t in enumerate(self.times):
+                if i.law.controlled(t):
+                    released = True
+                    continue
+                directions, values = _at(i.law, t).constraint(i.name, i.sides[0], x)
+                kept = _one(i, _at(i.law, t), "kept") if released else 0.0
+                if kept not in (0.0, 1.0) or (kept and isinstance(i.law.value, Varying)):
+                    raise _refused(i, f"kept = {kept:g} at t = {t:g}; in a deck 0, or 1 without a change")
+                if np.count_nonzero(np.abs(directions) > ROUNDING) > len(directions):
+                    raise _refused(i, "its axes are oblique; in a deck equations last")
+                lines = (self.staying if kept else self.coming)[k]
+                axes = listed(np.abs(directions).argmax(axis=1) + 1)
+                along = listed(values * directions.sum(axis=1))  # an axis may point backwards
+                for node, row in zip(listed(nodes), along, strict=True):
+                    free = [(axis, v) for axis, v in zip(axes, row) if (node, axis) not in self.fixed]
+                    lines += [f"{node}, {axis}, {axis}, {value:.12g}" for axis, value in free]
 
     def _support(self, node: int, pivot: int, row: Array, values: Array) -> None:
         """row . displacement = values (steps,); the entry at the pivot is 1."""
@@ -270,6 +300,8 @@ class _Deck:
                 continue
             if isinstance(law, Rigid) and not law.plane:
                 bodies.setdefault(law.group, []).append((i, law))
+            elif isinstance(law, Held):
+                continue
             elif i.one_point or len(i.sides) == 1:
                 raise _refused(i, "CalculiX has no such element here; mesh it, or leave it out")
             elif isinstance(law, Preload):
@@ -394,18 +426,24 @@ class _Deck:
         """The whole deck."""
         parts = self.parts()
         self.supports()
+        self.passing()
         self.joints()
         self.loads()
         self.temperatures()
         points = [f"{self.count + k}, {_numbers(x)}" for k, x in enumerate(self.extra, start=1)]
         out = ["*HEADING", title, *parts, *_card("*NODE", points), *self.model]
         out += _card("*BOUNDARY", self.held)
-        before = 0.0
-        for t, step, given in zip(self.times, self.steps, self.given, strict=True):
+        before, passing = 0.0, any(map(any, (self.coming, self.staying)))
+        of_steps = zip(self.times, self.steps, self.given, self.coming, self.staying, strict=True)
+        for t, step, given, coming, staying in of_steps:
             length = 1.0 if t is None or t <= before else t - before
             before = before if t is None else t
             out += ["*STEP, INC=1000", "*STATIC", f"{length:.12g}, {length:.12g}"]
-            out += [*_card("*BOUNDARY", given), *step]
+            if passing:
+                out += ["*BOUNDARY, OP=NEW", *self.held, *given, *coming]
+                out += [*_card("*BOUNDARY, OP=NEW, FIXED", staying), *step]
+            else:
+                out += [*_card("*BOUNDARY", given), *step]
             for name in self.printed:
                 out += [f"*NODE PRINT, NSET={name}, TOTALS=ONLY", "RF"]
             out += ["*NODE FILE", "U", "*EL FILE", "S", "*END STEP"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,18 +10,16 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.files import OBJECTS, opened
-from dolfinx_frontend.decks.abaqus.cards import Where
+from dolfinx_frontend.decks.fields import Where, Worded
 from dolfinx_frontend.decks.lines import DeckError
 
 __all__ = ["BulkCard", "bulk_cards", "grids", "text_lines"]
 
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]?([+-]\d+)|[eEdD](\d+))?")
-_WHOLE = re.compile(r"[+-]?\d{1,12}")
 _SMALL, _LARGE = 8, 16
 
 
 @dataclass
-class BulkCard:
+class BulkCard(Worded):
     """A card: its name, upper case, without the star of large fields, and what is in its fields after
     that."""
 
@@ -31,9 +27,9 @@ class BulkCard:
     where: Where
     fields: list[str] = field(default_factory=list)
 
-    def error(self, text: str) -> DeckError:
+    def error(self, text: str, where: Where | None = None) -> DeckError:
         """The error of this card, to be raised."""
-        return DeckError(f"{self.where}: {self.name}: {text}")
+        return DeckError(f"{where or self.where}: {self.name}: {text}")
 
     def text(self, k: int) -> str:
         """Field k after the name, from 0; empty if it is not there."""
@@ -41,25 +37,11 @@ class BulkCard:
 
     def real(self, k: int, what: str, default: float | None = None) -> float:
         """A field as a finite number, also without the E of its exponent."""
-        word = self.text(k)
-        if not word and default is not None:
-            return default
-        found = _NUMBER.fullmatch(word)
-        value = float(f"{found[1]}e{found[2] or found[3] or 0}") if found else math.nan
-        if not math.isfinite(value):
-            raise self.error(f"{what} = {word[:40]!r} (field {k + 2}) is no finite number; correct it")
-        return value
+        return self.real_of(self.text(k), what, f"field {k + 2}", default, True)
 
     def whole(self, k: int, what: str, least: int = 1, default: int | None = None) -> int:
         """A field as a whole number."""
-        word = self.text(k)
-        if not word and default is not None:
-            return default
-        if not _WHOLE.fullmatch(word) or int(word) < least:
-            raise self.error(
-                f"{what} = {word[:40]!r} (field {k + 2}) is no whole number >= {least}; correct it"
-            )
-        return int(word)
+        return self.whole_of(self.text(k), what, f"field {k + 2}", default, least)
 
 
 def text_lines(path: Path) -> Iterator[tuple[Where, str]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from dolfinx_frontend.decks.abaqus.cards import Where
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.decks.lines import DeckError
 
 __all__ = ["Case", "cases"]

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row, Where
+from dolfinx_frontend.decks.abaqus.cards import Card, Note, Row
 from dolfinx_frontend.decks.abaqus.elements import FACES
+from dolfinx_frontend.decks.fields import Where
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.decks.nastran.bulk import BulkCard
 from dolfinx_frontend.decks.nastran.case import Case

@@ -11,6 +11,7 @@ from dolfinx_frontend.scene.laws.contact import Contact
 from dolfinx_frontend.scene.laws.debonding import Debonding
 from dolfinx_frontend.scene.laws.displacement import Displacement
 from dolfinx_frontend.scene.laws.elastic import Elastic
+from dolfinx_frontend.scene.laws.held import Held
 from dolfinx_frontend.scene.laws.linked import Linked
 from dolfinx_frontend.scene.laws.perfect import Perfect
 from dolfinx_frontend.scene.laws.preload import Preload
@@ -28,6 +29,7 @@ __all__ = [
     "Elimination",
     "Fields",
     "Functions",
+    "Held",
     "Law",
     "Linked",
     "MOTIONS",

@@ -114,7 +114,7 @@ class Fields:
     ----------
     kind
         Kernel law: ``"perfect"``, ``"elastic"``, ``"force"``, ``"contact"``, ``"coulomb"``,
-        ``"debonding"``, ``"preload"``; or ``"user "`` and a name, if the law has functions.
+        ``"debonding"``, ``"held"``, ``"preload"``; or ``"user "`` and a name, if the law has functions.
     components
         Unknown components at a point: a frictionless law has one.
     frames
@@ -579,6 +579,15 @@ class Law:
     @property
     def locked(self) -> Law:
         """The law that holds in its place while its force is not controlled."""
+        return self
+
+    def prescribed(self, time: float) -> Law | None:
+        """The law that prescribes displacements in its place at a time; None: it does not, or always."""
+        return None
+
+    @property
+    def released(self) -> Law:
+        """The law that holds in its place while its force is controlled."""
         return self
 
     def tightened(self, points: Points, times: Array) -> int | None:

@@ -10,24 +10,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import checked_number, checked_reals, is_real
+from dolfinx_frontend.common.checks import checked_number, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws.base import Fields, Law, Points, resolve, settled
+from dolfinx_frontend.scene.laws.intervals import after, checked_intervals, missed, within
 from dolfinx_frontend.scene.laws.perfect import Perfect
 from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain
 
 __all__ = ["Preload", "Seated"]
-
-
-SAME_TIME = 1e-9
-"""Times that differ by less than this share are the same."""
-
-
-def _after(time: float, moment: float) -> bool:
-    """Whether a time is later; a step that should end the tightening may miss its moment by rounding."""
-    return time > moment and not math.isclose(time, moment, rel_tol=SAME_TIME)
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,17 +86,7 @@ class Preload(Law):
             return
         if self.until is not None:
             raise SceneError("Preload: until and during are given: give one")
-        wanted = "give intervals ((start, end), ...)"
-        table = checked_reals("Preload", "during", self.during, wanted)
-        if table.ndim != 2 or table.shape[1] != 2:
-            raise SceneError(f"Preload: during = {self.during!r}: {wanted}")
-        spans = tuple((float(start), float(end)) for start, end in table)
-        ends = [t for span in spans for t in span]
-        if not ends or not all(map(math.isfinite, ends)) or any(
-            b < a or (b == a and k % 2 == 0) for k, (a, b) in enumerate(zip(ends, ends[1:]))
-        ):
-            raise SceneError(f"Preload: during = {self.during!r}; intervals increase and do not overlap")
-        object.__setattr__(self, "during", spans)
+        object.__setattr__(self, "during", checked_intervals("Preload", self.during))
 
     def _validate_tightening(self) -> None:
         given = self.given("force", "torque", "shortening", "angle")
@@ -240,21 +222,20 @@ class Preload(Law):
         if time is None:
             return True
         if self.during is not None:
-            inside = (_after(time, start) and not _after(time, end) for start, end in self.during)
-            return self.waits(time) or any(inside)
-        return self.until is None or not _after(time, self.until)
+            return self.waits(time) or within(time, self.during)
+        return self.until is None or not after(time, self.until)
 
     def waits(self, time: float | None) -> bool:
         """Whether it has not been tightened yet at a time, and carries nothing."""
-        return time is not None and self.during is not None and not _after(time, self.during[0][0])
+        return time is not None and self.during is not None and not after(time, self.during[0][0])
 
     def skipped(self, times: Array) -> str:
         spans = self.during or (((-math.inf, self.until),) if self.timed and self.until is not None else ())
-        for start, end in spans:
-            if _after(times.max(), end) and not any(_after(t, start) and not _after(t, end) for t in times):
-                since = "" if start == -math.inf else f"after {start:g} and "
-                return f"it is tightened {since}not later than {end:g}, and no step is there"
-        return ""
+        lost = missed(times, spans)
+        if lost is None:
+            return ""
+        since = "" if lost[0] == -math.inf else f"after {lost[0]:g} and "
+        return f"it is tightened {since}not later than {lost[1]:g}, and no step is there"
 
     @property
     def history(self) -> bool:

@@ -10,6 +10,7 @@
 #include "latin/interface/debonding.hpp"
 #include "latin/interface/elastic.hpp"
 #include "latin/interface/force.hpp"
+#include "latin/interface/held.hpp"
 #include "latin/interface/perfect.hpp"
 #include "latin/interface/preload.hpp"
 
@@ -31,6 +32,9 @@ std::unique_ptr<Law> make_law(const std::string& name) {
   if (name == "force") {
     return std::make_unique<ForceLaw>();
   }
+  if (name == "held") {
+    return std::make_unique<HeldLaw>();
+  }
   if (name == "perfect") {
     return std::make_unique<PerfectLaw>();
   }
@@ -38,7 +42,7 @@ std::unique_ptr<Law> make_law(const std::string& name) {
     return std::make_unique<PreloadLaw>();
   }
   throw InputError("unknown law '" + name +
-                   "'; known: contact, coulomb, debonding, elastic, force, perfect, preload");
+                   "'; known: contact, coulomb, debonding, elastic, force, held, perfect, preload");
 }
 
 std::unique_ptr<Law> make_law(const LawFactory& factory) {
@@ -57,8 +61,8 @@ bool built_in(const Law& law) {
   };
   return one_of(std::type_identity<ContactLaw>(), std::type_identity<CoulombLaw>(),
                 std::type_identity<DebondingLaw>(), std::type_identity<ElasticLaw>(),
-                std::type_identity<ForceLaw>(), std::type_identity<PerfectLaw>(),
-                std::type_identity<PreloadLaw>());
+                std::type_identity<ForceLaw>(), std::type_identity<HeldLaw>(),
+                std::type_identity<PerfectLaw>(), std::type_identity<PreloadLaw>());
 }
 
 }  // namespace latin::interface

@@ -312,9 +312,14 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
     const Eigen::RowVectorXd sizes = forces(rows, every).colwise().norm();
     const Eigen::RowVectorXd missing = left(rows, every).colwise().norm();
     const double least = quiet_column * largest_of(sizes, 0.0);
+    // at the nodes the forces of a body that is held all around cancel, but not at the points
+    const Index at = structure.body_rows()[b];
+    const auto weights = structure.weights().segment(at, structure.bodies()[b].rows());
     for (Index column = 0; column < sizes.size(); ++column) {
       const double size = larger(sizes(column), least);
-      const double of_terms = data.col(column)(rows).norm();
+      const auto points = state.data.col(column).segment(at, weights.size());
+      const double of_terms =
+          larger(data.col(column)(rows).norm(), weights.cwiseProduct(points).norm());
       if (!(size <= nothing) && !(missing(column) <= rounding * of_terms)) {
         largest = larger(largest, missing(column) / size);
       }

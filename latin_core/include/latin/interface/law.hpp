@@ -186,7 +186,7 @@ class LATIN_SHARED Law {
   std::map<std::string, ParameterField> fields_;
 };
 
-/// Law by name ("contact", "coulomb", "debonding", "elastic", "force", "perfect", "preload") with its
+/// Law by name ("contact", "coulomb", "debonding", "elastic", "force", "held", "perfect", "preload") with its
 /// parameters at zero.
 /// @throws InputError with the known names.
 std::unique_ptr<Law> make_law(const std::string& name);
