@@ -130,7 +130,8 @@ INPUTS: dict[str, tuple[Given, Callable[..., Any]]] = {
 }
 NO_ARRAYS = (
     "AtPoint BoltStiffness Expression PricedWay Ways compare_ways expression "
-    "Beta Cut EnergyBound Errors Estimate FromDistribution Gamma IndefiniteError Interface Law LinearElastic LogNormal "
+    "Beta Cut EnergyBound Errors Estimate FromDistribution Gamma IndefiniteError Interface Law LinearElastic "
+    "LogNormal "
     "Material NearlyIndefiniteWarning Normal Options Perfect Plan Preload Quantity RandomField RandomLaws "
     "ResultFileError Resultant SavedResult SceneError SceneWarning StochasticResult Substructure Symmetry "
     "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
