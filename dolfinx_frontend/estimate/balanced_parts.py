@@ -44,10 +44,10 @@ class Settings:
         worth its time: half of the cells' own on tetrahedra.
     rounding
         Relative: a balance or a polynomial that is off by less is exact.
-    correction
-        Relative residual of what makes up for forces that the answer leaves.
     share
-        Of the rounding: what an answer leaves below it needs no correction.
+        Of the rounding: forces that an answer, or what makes up for them, may leave.
+    loose
+        Relative residual of displacements that part faces inside each other.
     rounds
         Of Newton's method for a pressure that never pulls, which takes as many as its zone changes.
     """
@@ -55,9 +55,9 @@ class Settings:
     sweeps: int = 10
     enough: float = 0.25
     rounding: float = 1e-8
-    correction: float = 1e-10
+    share: float = 0.3
+    loose: float = 1e-2
     rounds: int = 30
-    share: float = 1e-2
 
 
 SETTINGS = Settings()
@@ -292,7 +292,8 @@ def correct(bodies: Mapping[str, Body], numbers: Mapping[str, Ints], count: int,
         np.add.at(held, numbers[name], body.held)
     free = _free(held)
     right = np.einsum("nij,nj->ni", free, right)
-    if np.abs(right).max(initial=0.0) <= SETTINGS.rounding * SETTINGS.share * largest:
+    enough = SETTINGS.share * SETTINGS.rounding * largest
+    if np.abs(right).max(initial=0.0) <= enough:
         return
     project = _by_node(free)
     matrix = sp.csr_matrix(project.shape)
@@ -302,7 +303,7 @@ def correct(bodies: Mapping[str, Body], numbers: Mapping[str, Ints], count: int,
         spread = sp.csr_matrix(entries, shape=(count * d, len(places)))
         matrix = matrix + spread @ body.part.matrix @ spread.T
     driven = right.ravel() - motions @ (motions.T @ right.ravel())
-    found = solved_by_cg(project @ matrix @ project, driven).reshape(-1, d)
+    found = solved_by_cg(project @ matrix @ project, driven, enough).reshape(-1, d)
     for name, body in bodies.items():
         body.change[:] = found[numbers[name]]
 
@@ -360,7 +361,8 @@ def lifted(body: Body, nodes: Ints, moved: Array, normal: Array, fixed: Flags) -
     free = _free(held)
     project = _by_node(free)
     right = -(project @ (body.part.matrix @ given.ravel()))
-    return given + solved_by_cg(project @ body.part.matrix @ project, right).reshape(given.shape)
+    enough = SETTINGS.loose * float(np.linalg.norm(right))  # what is found is admissible in any case
+    return given + solved_by_cg(project @ body.part.matrix @ project, right, enough).reshape(given.shape)
 
 
 def _free(held: Array) -> Array:
@@ -376,13 +378,13 @@ def _by_node(blocks: Array) -> Any:
     return sp.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(n * d, n * d)).tocsr()
 
 
-def solved_by_cg(matrix: Any, right: Array) -> Array:
-    """The solution of a symmetric system that may be singular, with forces that balance."""
+def solved_by_cg(matrix: Any, right: Array, enough: float) -> Array:
+    """The solution of a symmetric system that may be singular, with forces that balance, to a residual."""
     diagonal = matrix.diagonal()
     moves = diagonal > SETTINGS.rounding * diagonal.max(initial=0.0)
     scale = np.where(moves, 1.0 / np.where(moves, diagonal, 1.0), 0.0)
     inverse = sp.linalg.LinearOperator(matrix.shape, matvec=lambda r: scale * r)
-    return np.asarray(sp.linalg.cg(matrix, right, rtol=SETTINGS.correction, M=inverse)[0])
+    return np.asarray(sp.linalg.cg(matrix, right, rtol=0.0, atol=enough, M=inverse)[0])
 
 
 class Inputs:

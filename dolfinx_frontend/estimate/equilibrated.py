@@ -188,12 +188,14 @@ class _Work:
         """A force per volume, the same everywhere."""
         shape = load.load.shapes[parameter]
         if load.load.kind != "body_force" or not isinstance(shape, int):
-            raise refused(f"{load.load.where}: no tractions are known of a {load.load.kind} that varies")
+            raise refused(f"{load.load.where}: a {load.load.kind} is no traction and no constant body force")
         body.force[:, shape] += number
 
     def _support(self, interface: Interface, law: Law) -> None:
         side = interface.sides[0]
         body = self.bodies[side.substructure]
+        if law.elimination is Elimination.TIED:
+            raise refused(f"interface {interface.name!r}: {law.title} ties its nodes to rigid motions")
         nodes = body.part.dof_coordinates[side.nodes]
         directions, values = law.constraint(interface.name, side, nodes)
         face = FacetMap(body.part.part, side.face, interface.name)

@@ -167,6 +167,14 @@ def hexahedra() -> Any:
     return lf.solve(lf.assemble(scene))
 
 
+def bound_of(load: Any) -> Any:
+    scene = lf.Scene()
+    scene.substructure("a", box(2, 0.0, 1), lf.LinearElastic(E=E, nu=0.3), degree=1)
+    scene.fix("a:y0")
+    load(scene)
+    return lf.solve(lf.assemble(scene))
+
+
 def random_springs() -> Any:
     problem = bar(2, 1, lf.Elastic(normal=lf.Uniform("k", 30.0, 50.0), tangential=SPRINGS))
     return lf.solve(problem, chaos=lf.Chaos(order=1))
@@ -175,6 +183,16 @@ def random_springs() -> Any:
 REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
     "hexahedra": (hexahedra, {}, "hexahedron cells of degree 1"),
     "chaos": (random_springs, {}, "the answer is a"),
+    "point": (
+        lambda: bound_of(lambda scene: scene.point_force("a", (0.0, LENGTH), (1e-3, 0.0))),
+        {},
+        "a point_force is no traction",
+    ),
+    "rigid": (
+        lambda: bound_of(lambda scene: (scene.rigid("a:y1"), scene.force("a:y1", (1e-3, 0.0)))),
+        {},
+        "ties its nodes to rigid motions",
+    ),
     "quantity": (lambda: lf.solve(bar(2, 1, lf.Perfect())), {"quantity": "joint"}, "leave the quantity out"),
     "kind": (lambda: lf.solve(bar(2, 1)), {"kind": "proof"}, "kind"),
 }
