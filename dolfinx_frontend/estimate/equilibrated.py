@@ -124,7 +124,7 @@ class _Work:
         if law.elimination is Elimination.LOAD:
             self._loaded(interface, law)
             return
-        if not two and law.prescribes == "jump" and interface.wrench is None:
+        if not two and law.elimination is Elimination.REMOVED and interface.wrench is None:
             self._support(interface, law)
             return
         self.joints.append((interface, law))  # when all supports are known
@@ -242,7 +242,7 @@ class _Work:
             gap, why = gap_of_springs(interface, law, face, face.values(traction), jump)
             self.gaps[name] = gap
             self.notes += [why] if why else []
-        elif law.prescribes != "jump" and not alone:
+        elif law.elimination is not Elimination.GLUED and not alone:
             self.notes.append(f"{name!r}: of its law {law.title} forces and jumps have no bound")
         self._pull(body, face, traction)
         for number, other in enumerate(interface.sides[1:], start=1):
