@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -61,6 +62,44 @@ def test_a_refusal_ends_at_the_line_of_the_script(tmp_path: Path, setting: str, 
     assert "did you mean 'bar'" in lines[-1]
     assert any('scene.fix("baar:x0")' in line for line in lines)
     assert any("dolfinx_frontend/scene" in line for line in lines) == inside
+
+
+TERMINATED = """
+import os, signal, threading, time
+import dolfinx_frontend as lf
+
+def caught():
+    line = next(line for line in open("/proc/self/status") if line.startswith("SigCgt"))
+    return int(line.split()[1], 16) >> signal.SIGTERM - 1 & 1
+
+def terminate():
+    signal.pthread_sigmask(signal.SIG_BLOCK, {{signal.SIGTERM}})
+    while not caught() and not over:
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+scene, over = lf.Scene(), []
+cube = lf.geometry.box((1.0, 1.0, 1.0), ({0}, {0}, {0}), cell="hexahedron")
+scene.substructure("cube", cube, lf.LinearElastic(1e3, 0.3))
+scene.fix("cube:x0")
+scene.traction("cube:x1", (1.0, 0.0, 0.0))
+scene.interface("spring", "cube:y1", lf.Elastic(normal=1.0, tangential=1.0))
+problem = lf.assemble(scene)
+threading.Thread(target=terminate, daemon=True).start()
+lf.solve(problem, active=["spring"])
+over.append(True)
+time.sleep(0.2)
+print("lost")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_sigterm_is_not_lost_while_unknowns_are_ordered(tmp_path: Path) -> None:
+    """METIS takes it for a failure of its own."""
+    script = tmp_path / "script.py"
+    script.write_text(TERMINATED.format(6))
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGTERM, done.stdout + done.stderr
 
 
 def joined(**settings: Any) -> Any:
