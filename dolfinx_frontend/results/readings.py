@@ -21,7 +21,7 @@ from dolfinx_frontend.common.checks import check_known, checked_names, checked_n
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
-from dolfinx_frontend.results.contact import contact_states
+from dolfinx_frontend.results.contact import DAMAGED, contact_states
 from dolfinx_frontend.results.reactions import Reaction, reaction
 from dolfinx_frontend.uncertainty.quantities import Kind
 
@@ -34,6 +34,8 @@ SQUARED = 1e150
 """Forces above it are scaled before they are squared."""
 OF_CONTACT = ("open_area", "slip_area", "slip_use", "slip", "slip_share", "slip_safety")
 """Columns of the table that only contacts have."""
+OF_BONDS = ("damage", "damaged_share", "broken_share")
+"""Columns of the table that only bonds have."""
 UNLOADED = 1e-5
 """What acts along an interface below so much of the limit of friction is nothing."""
 ACROSS = 1e-2
@@ -251,6 +253,7 @@ def measure(
     force: Array,
     limits: tuple[Array, Array] | None = None,
     jump: Array | None = None,
+    damage: Array | None = None,
 ) -> dict[str, Array]:
     """Numbers of an interface from its force per area.
 
@@ -262,6 +265,8 @@ def measure(
         Friction coefficient and threshold, each broadcast to (..., m); None: no friction.
     jump
         As the force, length; None: not known.
+    damage
+        (..., m) of a bond; None: it is none.
 
     Returns
     -------
@@ -288,7 +293,12 @@ def measure(
     values["pressure_max"] = -normal.min(axis=-1)
     values["shear_max"] = shear.max(axis=-1)
     nothing = np.full(force.shape[:-2], np.nan)
-    values |= dict.fromkeys(OF_CONTACT, nothing)
+    values |= dict.fromkeys((*OF_CONTACT, *OF_BONDS), nothing)
+    if damage is not None:
+        shares = weights / weights.sum()
+        values["damage"] = damage.max(axis=-1)
+        values["damaged_share"] = (damage > DAMAGED) @ shares
+        values["broken_share"] = (damage > 1.0 - DAMAGED) @ shares
     if surface.contact:
         values["open_area"] = contact_states(normal, shear, None)[0] @ weights
         if limits is not None:
@@ -310,12 +320,15 @@ def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, A
     found = []
     for block in blocks:
         force, contact = stepped(block.force(name), answer.times, 1), block.contact(name)
+        bond = block.bond(name)
         rubs = contact is not None and contact.limits is not None
-        jump = stepped(block.jump(name), answer.times, 1) if rubs else None
+        jump = stepped(block.jump(name), answer.times, 1) if rubs or bond else None
         # the fields of a block are in memory already; what is computed from them is done in parts
         for part in chunks(len(force), force[0].size):
             limits = None if contact is None else contact[part].limits
-            found.append(measure(surface, force[part], limits, None if jump is None else jump[part]))
+            moved = None if jump is None else jump[part]
+            damage = bond[part].damage(force[part], moved) if bond and moved is not None else None
+            found.append(measure(surface, force[part], limits, moved, damage))
     return {column: np.concatenate([each[column] for each in found]) for column in found[0]}
 
 
@@ -334,6 +347,7 @@ def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[
     nothing = np.full(shape, np.nan)
     rest = (
         "normal", "shear", "pressure_min", "pressure_mean", "pressure_max", "shear_max", *OF_CONTACT,
+        *OF_BONDS,
     )  # fmt: skip
     values = {"area": np.full(shape, surface.area)} | resultants | dict.fromkeys(rest, nothing)
     normal = surface.normals[0]

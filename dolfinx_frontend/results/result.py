@@ -37,7 +37,7 @@ from dolfinx_frontend.results.errors import (
 )
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.resultant import Interest, asked
-from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.surfaces import law_values
 from dolfinx_frontend.results.value import Value
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
@@ -152,7 +152,8 @@ class Result(Value, Face):
     def ended(self) -> str:
         """Status, estimated error, its place and, if the run did not converge, a remedy, in a sentence."""
         iterations = None if self.corrected is not None else self.iterations
-        return ended(self.status, self.error, self.place, self.plan.options.rtol, iterations)
+        laws = [each.law for each in self.problem.interfaces.values()]
+        return ended(self.status, self.error, self.place, self.plan.options.rtol, iterations, laws)
 
     @property
     def unsolved(self) -> tuple[str, ...]:
@@ -225,7 +226,7 @@ class Result(Value, Face):
             force, jump = self._local(name)
             return force[None], jump[None]
 
-        contact = partial(law_contact, self.problem, self.plan)
+        contact = partial(law_values, self.problem, self.plan)
         number = partial(mean_number, self.problem)
         load = partial(load_factors, self.problem, self.times, of=number)
         yield Block(1, both, self._as_sample, contact, _load=load, _parts=self.problem.substructures)

@@ -22,10 +22,10 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of, unsolved
 from dolfinx_frontend.results.acting import STIFFNESS, factors_of, load_factors, mean_number, with_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
-from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.contact import BondValues, ContactValues
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
-from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.surfaces import law_values
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
@@ -44,8 +44,8 @@ class PointResults(Face):
     laws: Laws
 
     @abstractmethod
-    def _contact_at(self, name: str, part: slice) -> ContactValues | None:
-        """Values of a contact at some of the points."""
+    def _contact_at(self, name: str, part: slice) -> ContactValues | BondValues | None:
+        """Values of a contact or a bond at some of the points."""
 
     @property
     @abstractmethod
@@ -91,7 +91,8 @@ class PointResults(Face):
         """The worst status, its estimated error and place and, if it did not converge, a remedy."""
         error = largest_of(self.error[self.finished])
         count = int(np.sum(self.statuses != "converged"))
-        text = ended(self.status, error, self.place, self.plan.options.rtol)
+        laws = [each.law for each in self.problem.interfaces.values()]
+        text = ended(self.status, error, self.place, self.plan.options.rtol, laws=laws)
         if not count:
             return text
         return f"{count} of {self.statuses.size} points did not converge, the worst as {text}"
@@ -114,7 +115,8 @@ class PointResults(Face):
 
     def contact_at(self, name: str) -> ContactValues | None:
         """Friction and gap of a contact at all points; None: the law is no contact."""
-        return self._contact_at(name, slice(None))
+        values = self._contact_at(name, slice(None))
+        return values if isinstance(values, ContactValues) else None
 
     @property
     def reached(self) -> Flags:
@@ -331,7 +333,7 @@ class SweepResult(Value, PointResults):
                 return np.asarray(mean + each.values[0, part])
         return mean
 
-    def _contact_at(self, name: str, part: slice) -> ContactValues | None:
+    def _contact_at(self, name: str, part: slice) -> ContactValues | BondValues | None:
         numbers = range(*part.indices(len(self.points.status)))
 
         def swept(fields: Fields) -> Mapping[str, Array]:
@@ -346,7 +348,7 @@ class SweepResult(Value, PointResults):
                     values[each.parameter] = at.reshape(len(at), -1)
             return values
 
-        return law_contact(self.problem, self.plan, name, len(numbers), swept)
+        return law_values(self.problem, self.plan, name, len(numbers), swept)
 
     @property
     def shape(self) -> tuple[int, ...]:
