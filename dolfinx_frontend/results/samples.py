@@ -155,9 +155,9 @@ class SampleResult(Value, PointResults, StochasticResult):
         number: Array = self.probabilities @ load_factors(self.problem, self.times, load, parameter, of)
         return number
 
-    def _block(self, part: slice) -> Block:
+    def _block(self, part: slice, states: Array | None = None) -> Block:
         weights = None if self.weights is None else self.weights[part]
-        return replace(super()._block(part), germs=self.germs[part], weights=weights)
+        return replace(super()._block(part, states), germs=self.germs[part], weights=weights)
 
     def inputs(self, number: Callable[[Block], Array], germs: Array) -> Inputs:
         """The germs: nothing more is known than the values."""

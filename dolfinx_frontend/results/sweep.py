@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.statuses import INEXACT
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of, unsolved
@@ -160,9 +161,9 @@ class PointResults(Face):
         forces, jumps = self.points.forces[name], self.points.jumps[name]
         return _shaped(self.plan, interface, forces[part]), _shaped(self.plan, interface, jumps[part])
 
-    def _block(self, part: slice) -> Block:
-        """Some of the points."""
-        displacement = self._displacements(part)
+    def _block(self, part: slice, states: Array | None = None) -> Block:
+        """Some of the points; `states` (n, 2, rows, columns) are theirs, where they were not all kept."""
+        displacement = self._displacements(part, states)
 
         def both(name: str) -> tuple[Array, Array]:
             self._check_interface(name)
@@ -175,15 +176,18 @@ class PointResults(Face):
         contact, parts = partial(self._contact_at, part=part), self.problem.substructures
         return Block(count, both, displacement, contact, _load=load, _parts=parts)
 
-    def _displacements(self, part: slice) -> Callable[[str, Ints | None], Array]:
+    def _displacements(
+        self, part: slice, states: Array | None = None
+    ) -> Callable[[str, Ints | None], Array]:
         """Part and some of its unknowns -> these (n, [T,] unknowns) at some of the points."""
 
         @cache  # recovered for all parts at once, when first asked for
         def recovered() -> dict[str, Array]:
-            return self._recovered(part)
+            return self._recovered(part, states)
 
         def displacement(name: str, unknowns: Ints | None) -> Array:
-            self._check_part(name)
+            if states is None:
+                self._check_part(name)
             u = recovered()[name]
             return u if unknowns is None else u[..., unknowns]
 
@@ -208,10 +212,11 @@ class PointResults(Face):
         """The points, some at a time."""
         return map(self._block, self._in_parts())
 
-    def _recovered(self, part: slice) -> dict[str, Array]:
+    def _recovered(self, part: slice, states: Array | None = None) -> dict[str, Array]:
         """Part -> unknowns (n, [T,] unknowns) at some of the points; one solve per point."""
-        assert self.points.states is not None  # was asked before
-        states = self.points.states[part]  # (points, 2, rows, columns)
+        if states is None:
+            assert self.points.states is not None  # was asked before
+            states = self.points.states[part]  # (points, 2, rows, columns)
         shape = (2, states.shape[2], len(states) * states.shape[3])
         data, traces = np.moveaxis(states, 0, 2).reshape(shape)
         state = State(np.asfortranarray(data), np.asfortranarray(traces))
@@ -238,14 +243,29 @@ class PointResults(Face):
         number = point_number(index, self.shape)
         if not self.finished.ravel()[number]:
             raise SceneError(f"point: point {index} was not reached, the run was interrupted")
+        return self._point(number)
+
+    def _point(self, number: int, states: Array | None = None) -> OnePoint:
         return OnePoint(
             self,
-            partial(self._block, slice(number, number + 1)),
+            partial(self._block, slice(number, number + 1), states),
             str(self.points.status[number]),
             int(self.points.iterations[number]),
             float(self.error.ravel()[number]),
             str(self.places.ravel()[number]),
+            states is not None,
         )
+
+    @cached_property
+    def furthest(self) -> tuple[int, OnePoint] | None:
+        """Number of the point whose interfaces move most, and that point with its displacements; None: it is not
+        known."""
+        if self.points.furthest is None or self.problem.comm is not None:
+            return None
+        number, state = self.points.furthest
+        if str(self.points.status[number]) not in ("converged", INEXACT):
+            return None
+        return number, self._point(number, state[None])
 
     def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
         """What a file has of these answers beside what it has of all."""
