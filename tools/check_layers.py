@@ -196,6 +196,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "reactions",
         "certificate",
         "readings",
+        "bridged",
         "tables",
         "stress",
         "deformation",

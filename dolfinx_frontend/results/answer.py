@@ -242,6 +242,9 @@ class Answer(Protocol):
     def surface(self, interface: str) -> Surface:
         """An interface as the answer sees it."""
 
+    def bridged(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """What beams carry of the shear of joints whose slip is asked for, a sentence each."""
+
     def why_unknown(self, interface: str) -> str | None:
         """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -26,6 +26,7 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
 from dolfinx_frontend.results.acting import load_factors, mean_number
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
+from dolfinx_frontend.results.bridged import bridged
 from dolfinx_frontend.results.certificate import write_certificate
 from dolfinx_frontend.results.errors import (
     Continuation,
@@ -159,6 +160,10 @@ class Result(Value, Face):
     def unsolved(self) -> tuple[str, ...]:
         """What a table has to say of a run that did not converge."""
         return () if self.converged else (f"NOT CONVERGED: {self.ended}",)
+
+    def bridged(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """What beams carry of the shear of joints whose slip is asked for, a sentence each."""
+        return bridged(self, joints) if self.problem.comm is None else ()
 
     @property
     def kind(self) -> AnswerKind:

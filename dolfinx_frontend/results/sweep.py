@@ -23,6 +23,7 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of, unsolved
 from dolfinx_frontend.results.acting import STIFFNESS, factors_of, load_factors, mean_number, with_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
+from dolfinx_frontend.results.bridged import bridged
 from dolfinx_frontend.results.contact import BondValues, ContactValues
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
@@ -169,7 +170,7 @@ class PointResults(Face):
             self._check_interface(name)
             if name in self.plan.active:
                 return self._active(name, part)
-            return self._eliminated(name, displacement)
+            return self._eliminated(name, displacement, states is not None)
 
         count = len(range(*part.indices(len(self.points.status))))
         load = partial(load_factors, self.problem, self.times, of=partial(self._load_at, part=part))
@@ -255,6 +256,13 @@ class PointResults(Face):
             str(self.places.ravel()[number]),
             states is not None,
         )
+
+    def bridged(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """What beams carry of the shear of joints whose slip is asked for, where interfaces move most."""
+        if self.furthest is None:
+            return ()
+        number, one = self.furthest
+        return tuple(f"{text} (at point {number}, which moves most)" for text in bridged(one, joints))
 
     @cached_property
     def furthest(self) -> tuple[int, OnePoint] | None:
