@@ -12,7 +12,7 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.groups import distances, grouped
 from dolfinx_frontend.common.model_limits import LIMITS
-from dolfinx_frontend.results.readings import Readings
+from dolfinx_frontend.results.readings import UNLOADED, Readings
 from dolfinx_frontend.scene.laws import Law
 
 __all__ = ["bridged", "slid"]
@@ -52,7 +52,8 @@ def bridged(answer: Any, joints: Sequence[str]) -> tuple[str, ...]:
         }
         total = float(np.linalg.norm(sum(carried.values(), np.zeros(len(own)))))
         rubs = float(np.linalg.norm(own))
-        if total <= SHARE * (total + rubs):
+        presses = float(np.linalg.norm(_resultant(answer, joint)))
+        if total <= SHARE * (total + rubs) or total + rubs <= UNLOADED * presses:
             continue
         names = sorted(carried, key=lambda beam: -float(np.linalg.norm(carried[beam])))
         more = f" and {len(names) - 4} more" if len(names) > 4 else ""
@@ -92,17 +93,24 @@ def _slid(answer: Any, joint: str) -> float:
     return float(np.max(np.linalg.norm(jump[:, 1:], axis=1) / answer.problem.interfaces[joint].reach))
 
 
+def _vectors(answer: Any, name: str) -> Array:
+    """Forces (m, d) at the last step."""
+    surface, force = answer.surface(name), answer.force(name)
+    return np.asarray(surface.weights[:, None] * surface.vectors(force if answer.times is None else force[-1]))
+
+
+def _resultant(answer: Any, name: str) -> Array:
+    return np.asarray(_vectors(answer, name).sum(axis=0))
+
+
 def _shear(answer: Any, name: str) -> Array:
-    """Resultant (d,) across the mean normal, at the last step."""
+    """Resultant (d,) of what acts across the normals, of a beam of its one force."""
     surface = answer.surface(name)
-    force = answer.force(name)
-    force = force if answer.times is None else force[-1]
     if surface.wrench is not None:
-        return np.asarray(float(force[0, 0]) * surface.wrench[: surface.dim])
-    vectors = surface.vectors(force)
-    normals = surface.normals
-    along = np.einsum("pd,pd->p", vectors, normals)[:, None] * normals
-    return np.asarray(surface.weights @ (vectors - along))
+        return np.asarray(float(np.ravel(answer.force(name))[-1]) * surface.wrench[: surface.dim])
+    vectors = _vectors(answer, name)
+    along = np.einsum("pd,pd->p", vectors, surface.normals)
+    return np.asarray((vectors - along[:, None] * surface.normals).sum(axis=0))
 
 
 def _across(problem: Any, beam: str) -> list[str]:

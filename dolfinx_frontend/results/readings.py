@@ -320,7 +320,7 @@ def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, A
     found = []
     for block in blocks:
         force, contact = stepped(block.force(name), answer.times, 1), block.contact(name)
-        bond = block.bond(name)
+        bond = None if surface.contact else block.bond(name)
         rubs = contact is not None and contact.limits is not None
         jump = stepped(block.jump(name), answer.times, 1) if rubs or bond else None
         # the fields of a block are in memory already; what is computed from them is done in parts

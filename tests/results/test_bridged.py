@@ -15,7 +15,7 @@ FORCE, PULL = 20e3, 4e3
 M8 = lf.BoltStiffness.vdi2230(d=8, pitch=1.25, shank=10, thread=10, E=205e3)
 
 
-def joint(friction: Any, softness: float = 1.0, bolts: int = 2) -> lf.Problem:
+def joint(friction: Any, softness: float = 1.0, bolts: int = 2, pull: float = PULL) -> lf.Problem:
     later = lf.Amplitude([1, 2], [0, 1])
     scene = lf.Scene()
     for k, name in enumerate(("low", "top")):
@@ -26,7 +26,7 @@ def joint(friction: Any, softness: float = 1.0, bolts: int = 2) -> lf.Problem:
     for k in range(bolts):
         scene.beam(f"bolt {k}", "low:z0", "top:z1", soft, lf.Preload(FORCE / bolts, until=1.0))
     scene.fix("low:z0")
-    scene.traction("top:x1", later * (PULL / 400.0, 0, 0))
+    scene.traction("top:x1", later * (pull / 400.0, 0, 0))
     return lf.assemble(scene)
 
 
@@ -62,6 +62,8 @@ def test_of_samples_it_is_that_of_the_one_that_moves_most() -> None:
 def test_joints_that_stick_beside_soft_bolts_have_nothing_to_be_told() -> None:
     result = lf.solve(joint(0.25, softness=1e-3), times=TIMES, progress=False)
     assert result.table("joint").notes == ()
+    unloaded = lf.solve(joint(0.25, pull=0.0), times=TIMES, progress=False)
+    assert unloaded.table("joint").notes == ()
 
 
 def test_slip_behind_soft_bolts_is_beyond_the_model() -> None:

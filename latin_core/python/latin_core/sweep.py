@@ -133,7 +133,9 @@ class SweepPoints:
         moves = float(np.abs(traces).max(initial=0.0))
         least = -1.0 if self.furthest is None else float(np.abs(self.furthest[1][1]).max(initial=0.0))
         if status in _ANSWERS and np.isfinite(moves) and moves > least:
-            self.furthest = point, np.array([data, traces])
+            state = np.array([data, traces])
+            state.flags.writeable = False
+            self.furthest = point, state
 
     def __repr__(self) -> str:
         reached = self.iterations >= 0
