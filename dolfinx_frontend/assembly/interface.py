@@ -234,7 +234,7 @@ class Interface(PointFrames):
 
     @property
     def reach(self) -> Array:
-        """(m,), length: how far each point may slide, a facet or 5 % of the face: pressures stay where it was."""
+        """(m,), length: how far each point may slide, a facet or 5 % of the face; pressures stay there."""
         face = float(np.linalg.norm(np.ptp(self.points, axis=0)))
         return np.minimum(self.cell_sizes, LIMITS.sliding * face if face > 0.0 else np.inf)
 

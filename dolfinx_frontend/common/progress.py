@@ -135,7 +135,7 @@ def _tell() -> None:
 
 
 def _telling() -> None:
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})  # where the main thread holds it back, it waits
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})  # it is for the main thread
     while Bar.running:
         sleep(EVERY)
         # a phase that has begun just now is no news

@@ -105,13 +105,13 @@ class Part(OneProcess):
         return np.asarray(self.facet_tags.find(self.names[name]), dtype=np.int32)
 
     def with_face(self, name: str, where: Marker, of: str | None = None) -> Part:
-        """The same mesh with one more face, which takes its facets from the others: under the head of a bolt, say.
+        """The same mesh with one more face, which takes its facets from the others: under a head, say.
 
         Parameters
         ----------
         where
-            Of coordinates (3, n): where (n,) they are on it, as ``dolfinx.mesh.locate_entities_boundary`` takes
-            it; a facet is on it with all its corners.
+            Of coordinates (3, n): where (n,) they are on it, as of ``dolfinx.mesh.locate_entities_boundary``;
+            a facet is on it with all its corners.
         of
             Face that it is cut out of; None: any.
 
@@ -121,7 +121,8 @@ class Part(OneProcess):
             A name that is in use, a face that there is not, or no facet there.
         """
         if checked_name("with_face", name, colon=False) in self.names:
-            raise SceneError(f"with_face: face {name!r}: the name is in use; there are {', '.join(self.names)}")
+            known = ", ".join(self.names)
+            raise SceneError(f"with_face: face {name!r}: the name is in use; there are {known}")
         within = exterior_facets(self.mesh) if of is None else self.facets(of)
         checked_callable("with_face", "where", where, "give a function of coordinates (3, n)")
         dim = self.mesh.topology.dim - 1
@@ -129,8 +130,8 @@ class Part(OneProcess):
         if not facets.size:
             there = "of the boundary" if of is None else f"of face {of!r}"
             raise SceneError(
-                f"with_face: face {name!r}: no facet {there} has all its corners where the function holds: smaller "
-                "cells, or a larger face"
+                f"with_face: face {name!r}: no facet {there} has all its corners where the function holds: "
+                "smaller cells, or a larger face"
             )
         rest = {each: np.setdiff1d(self.facets(each), facets) for each in self.names if each != FREE}
         return tagged(self.mesh, {**{n: own for n, own in rest.items() if own.size}, name: facets})

@@ -59,8 +59,8 @@ def bridged(answer: Any, joints: Sequence[str]) -> tuple[str, ...]:
         more = f" and {len(names) - 4} more" if len(names) > 4 else ""
         sentences.append(
             f"slip of {joint!r} is that beside {', '.join(map(repr, names[:4]))}{more}, which carry "
-            f"{total / (total + rubs):.2g} of its shear ({total:.4g} of {total + rubs:.4g}), as bolts without "
-            "clearance do; where only friction is to carry, give BoltStiffness(axial=m.axial, "
+            f"{total / (total + rubs):.2g} of its shear ({total:.4g} of {total + rubs:.4g}), as bolts "
+            "without clearance do; where only friction is to carry, give BoltStiffness(axial=m.axial, "
             "bending=1e-3 * m.bending, torsion=1e-3 * m.torsion)"
         )
     return tuple(sentences)
@@ -80,8 +80,8 @@ def slid(problem: Any, read: Readings) -> tuple[str, ...]:
         if beyond.any():
             count = f" in {beyond.any(axis=1).sum()} of {len(slip)} points" if len(slip) > 1 else ""
             sentences.append(
-                f"slip of {name!r} is up to {slip.max():.4g}{count}, beyond the model, {limit:.3g} (a facet or "
-                f"{LIMITS.sliding:.0%} of its face): it slides away, or only soft bolts hold it"
+                f"slip of {name!r} is up to {slip.max():.4g}{count}, beyond the model, {limit:.3g} (a facet "
+                f"or {LIMITS.sliding:.0%} of its face): it slides away, or only soft bolts hold it"
             )
     return tuple(sentences)
 
@@ -96,7 +96,8 @@ def _slid(answer: Any, joint: str) -> float:
 def _vectors(answer: Any, name: str) -> Array:
     """Forces (m, d) at the last step."""
     surface, force = answer.surface(name), answer.force(name)
-    return np.asarray(surface.weights[:, None] * surface.vectors(force if answer.times is None else force[-1]))
+    at_end = force if answer.times is None else force[-1]
+    return np.asarray(surface.weights[:, None] * surface.vectors(at_end))
 
 
 def _resultant(answer: Any, name: str) -> Array:

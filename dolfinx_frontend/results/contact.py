@@ -1,4 +1,4 @@
-"""Where a contact is open, sticks or slips, how far a bond is damaged, and the values of laws that decide it."""
+"""Where a contact is open, sticks or slips, how far a bond is damaged, and what of laws decides it."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class BondValues:
         return BondValues(*(v if len(v) == 1 else v[part] for v in (self.stiffness, self.jump)))
 
     def damage(self, force: Array, jump: Array) -> Array:
-        """Share of the stiffness that is lost, (n, T, m), of the fields of a history (n, T, m, components)."""
+        """Share of the stiffness that is lost, (n, T, m), by the fields (n, T, m, components)."""
         sound = self.stiffness * (jump - self.jump)
         tension = np.maximum(sound[..., 0], 0.0)  # contact stays elastic
         carries = np.hypot.reduce([np.maximum(force[..., 0], 0.0), *np.moveaxis(force[..., 1:], -1, 0)])

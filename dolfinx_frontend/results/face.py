@@ -87,6 +87,11 @@ class Face(Shown, ABC):
                     f"{type(self).__name__} has no {name!r}: it is that of a quantity; ask "
                     "mean_std(Quantile('joint', 0.95)) or quantity('joint.pressure_max').quantile(0.95)"
                 )
+            if name == "sobol":
+                raise AttributeError(
+                    f"{type(self).__name__} has no 'sobol': ask quantity('joint.normal').sobol(), or solve "
+                    "with chaos=Chaos(order)"
+                )
             return object.__getattribute__(self, name)  # raises, with the reason if a property failed
 
     # --- what a class of answers gives ---------------------------------------------------------
@@ -258,8 +263,9 @@ class Face(Shown, ABC):
     def _eliminated(
         self, name: str, displacement: Callable[[str, Ints | None], Array], kept: bool = False
     ) -> tuple[Array, Array]:
-        """Force and jump (n, [T,] m, components) of a spring or load, from unknowns (n, [T,] unknowns); `kept`:
-        they are known, whatever is of others.
+        """Force and jump (n, [T,] m, components) of a spring or load, from unknowns (n, [T,] unknowns).
+
+        `kept`: these are known, whatever is of other samples.
 
         Raises
         ------

@@ -32,7 +32,8 @@ ROUNDED = 1e-14
 """Products of unit vectors up to this are those of orthogonal ones."""
 SQUARED = 1e150
 """Forces above it are scaled before they are squared."""
-OF_CONTACT = ("open_area", "slip_area", "slip_use", "slip", "slip_share", "slip_safety")
+OF_FRICTION = ("slip_area", "slip_use", "slip", "slip_share", "slip_safety")
+OF_CONTACT = ("open_area", *OF_FRICTION)
 """Columns of the table that only contacts have."""
 OF_BONDS = ("damage", "damaged_share", "broken_share")
 """Columns of the table that only bonds have."""
@@ -310,8 +311,10 @@ def measure(
     return values
 
 
-def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, Array]:
-    """Numbers (N, T) of an interface whose force is known at its points."""
+def _measured(
+    answer: Answer, name: str, blocks: Sequence[Block], column: str | None = None
+) -> dict[str, Array]:
+    """Numbers (N, T) of an interface whose force is known at its points; of one `column` what that takes."""
     surface, given = answer.surface(name), answer.load(name)
     if given is not None:  # the same in all samples
         values = measure(surface, stepped(given, answer.times)[None])
@@ -319,8 +322,10 @@ def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, A
         return {column: np.broadcast_to(v, (count, *v.shape[1:])) for column, v in values.items()}
     found = []
     for block in blocks:
-        force, contact = stepped(block.force(name), answer.times, 1), block.contact(name)
-        bond = None if surface.contact else block.bond(name)
+        force = stepped(block.force(name), answer.times, 1)
+        of_contact, of_bond = (column in (None, *each) for each in (OF_FRICTION, OF_BONDS))
+        contact = block.contact(name) if of_contact and surface.contact else None
+        bond = block.bond(name) if of_bond and not surface.contact else None
         rubs = contact is not None and contact.limits is not None
         jump = stepped(block.jump(name), answer.times, 1) if rubs or bond else None
         # the fields of a block are in memory already; what is computed from them is done in parts
@@ -384,7 +389,9 @@ def column_of(answer: Answer, text: str, step: int = -1) -> Callable[[Block], Ar
             raise SceneError(f"{where}: interface {name!r}: {why or SHARED}")
 
     def read(block: Block) -> dict[str, Array]:
-        return _reacted(surface, held[0], [block]) if held and held[0] else _measured(answer, name, [block])
+        if held and held[0]:
+            return _reacted(surface, held[0], [block])
+        return _measured(answer, name, [block], column)
 
     def number(block: Block) -> Array:
         values = answer.everywhere(name, partial(read, block))

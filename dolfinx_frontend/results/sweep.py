@@ -266,8 +266,7 @@ class PointResults(Face):
 
     @cached_property
     def furthest(self) -> tuple[int, OnePoint] | None:
-        """Number of the point whose interfaces move most, and that point with its displacements; None: it is not
-        known."""
+        """Number of the point whose interfaces move most, and that point with its displacements, if known."""
         if self.points.furthest is None or self.problem.comm is not None:
             return None
         number, state = self.points.furthest

@@ -339,7 +339,7 @@ def _verdicts(content: Content) -> Iterator[tuple[str, bool | None]]:
     for joint in joints if random else ():
         whole = _whole(content, joint)
         if whole is not None:
-            chance = _chance(content, lambda b, w=whole: margins_in(answer, b, [w], wanted.friction))
+            chance = _chance(content, _margins_of(content, whole))
             yield f"That “{joint}” opens or slips as a whole has the probability {chance}.", None
     for text in content.answer.bridged(joints):
         yield f"{text[:1].upper()}{text[1:]}.", None
@@ -377,8 +377,8 @@ def _weakest(content: Content, name: str, row: Row) -> tuple[str, bool | None]:
         if answer.kind == "chaos":  # with solved samples
             own = [bolt for bolt in wanted.bolts if bolt.name == name]
             chance = _chance(content, lambda b: margins_in(answer, b, own, wanted.friction))
-        part = f"“{joint}” opens or slips around it" if _whole(content, joint) else f"“{joint}” opens or slips"
-        text += f" Probability that {part}: {chance}."
+        around = " around it" if _whole(content, joint) else ""
+        text += f" Probability that “{joint}” opens or slips{around}: {chance}."
     return text, _bad(row, content.limit)
 
 
@@ -390,16 +390,20 @@ def _ended(content: Content) -> Iterator[tuple[str, bool | None]]:
     statuses = [str(each) for each in np.ravel(answer.statuses)]  # type: ignore[attr-defined]
     slid = sum(each in (SLIDES, NO_EQUILIBRIUM) for each in statuses)
     if slid:
-        what = "steps" if answer.kind == "history" else "points of the sweep" if answer.kind == "sweep" else "samples"
+        what = {"history": "steps", "samples": "samples"}.get(answer.kind, "points")
         yield (
-            f"In {slid} of {len(statuses)} {what} nothing balances the loads: something slides away, or a bond has "
-            "torn. There the margins are used up, and forces are those that are left.",
+            f"In {slid} of {len(statuses)} {what} nothing balances the loads: something slides away, or a "
+            "bond has torn. There the margins are used up, and forces are those that are left.",
             True,
         )
     others = [each for each in statuses if each not in ("converged", SLIDES, NO_EQUILIBRIUM)]
     if others:
         ended = max(others, key=STATUSES.index)
         yield f"The run ended as “{ended}”: these numbers are not those of a converged answer.", True
+
+
+def _margins_of(content: Content, bolt: Bolt) -> Callable[[Block], Array]:
+    return lambda block: margins_in(content.answer, block, [bolt], content.wanted.friction)
 
 
 def _whole(content: Content, joint: str) -> Bolt | None:

@@ -30,7 +30,7 @@ def check_model(answer: Result | PointResults, what: str = "") -> None:
     Parameters
     ----------
     what
-        One of several points in a message; of these the fields of the one whose interfaces move most are looked
+        One of several points in a message; of these the one whose interfaces move most has its fields looked
         at.
 
     Warns
@@ -76,8 +76,8 @@ def _check_fields(result: Result | OnePoint, which: str) -> bool:
     if moved.value > LIMITS.displacement * size:
         beyond(
             f"displacement {moved.value:.3g} is {moved.value / size:.2g} of the size of the assembly, "
-            f"{_at(result, part, moved, which)}: loads act on the shape before; less load, more support, or a "
-            "program for large displacements",
+            f"{_at(result, part, moved, which)}: loads act on the shape before; less load, more support, or "
+            "a program for large displacements",
             "displacement",
         )
     _check_cells(result, found, which)
@@ -138,19 +138,19 @@ def _check_cells(result: Result | OnePoint, found: Mapping[str, Deformation], wh
     turned = found[part].rotation
     if np.degrees(turned.value) > LIMITS.rotation:
         beyond(
-            f"rotation by {np.degrees(turned.value):.3g} degrees, {_at(result, part, turned, which)}: rotations are "
-            f"those of small motions, up to {LIMITS.rotation:g} degrees; hold the part, or take a "
-            "program for large displacements",
+            f"rotation by {np.degrees(turned.value):.3g} degrees, {_at(result, part, turned, which)}: "
+            f"rotations are those of small motions, up to {LIMITS.rotation:g} degrees; hold the part, or take "
+            "a program for large displacements",
             "rotation",
         )
     part = max(found, key=lambda name: found[name].strain.value)
     strain, modulus = found[part].strain, _modulus(result.problem, part)
     if strain.value > LIMITS.strain:
         beyond(
-            f"strain {strain.value:.2g}, {_at(result, part, strain, which)}, more than {LIMITS.strain:.0%}: with "
-            f"E = {modulus:.3g} that is a stress of {modulus * strain.value:.3g}, and what is linear here is "
-            "off by about as much; a soft layer, a part that would yield, or a load or a modulus in another "
-            "unit",
+            f"strain {strain.value:.2g}, {_at(result, part, strain, which)}, more than "
+            f"{LIMITS.strain:.0%}: with E = {modulus:.3g} that is a stress of {modulus * strain.value:.3g}, "
+            "and what is linear here is off by about as much; a soft layer, a part that would yield, or a "
+            "load or a modulus in another unit",
             "strain",
         )
     soft, stiff = LIMITS.moduli

@@ -55,7 +55,8 @@ def check_sliding(answer: Result | PointResults, what: str = "") -> None:
         slides = slid[point, step, place] >= far[point, step, place]
         if slides:
             text = f"its faces slide by {slip[point, step, place]:.3g}{when} at ({where}), further than "
-            text += f"{limit[place]:.3g}, a facet or {LIMITS.sliding:.0%} of the face: pressures stay where it was"
+            text += f"{limit[place]:.3g}, a facet or {LIMITS.sliding:.0%} of the face: pressures stay where "
+            text += "it was"
         else:
             text = f"its faces move by {by:.3g}{when} at ({where}) from each other, further than a part is "
             text += "large: contacts and rotations are those of small motions"

@@ -37,7 +37,8 @@ def test_bolts_that_carry_shear_are_named_with_their_share() -> None:
     """Friction of 0.15 carries 3 000 of 4 000 N."""
     result = lf.solve(joint(0.15), times=TIMES, progress=False)
     [text] = [each for each in result.table("joint").notes if "carry" in each]
-    assert text.startswith("slip of 'joint' is that beside 'bolt 0', 'bolt 1', which carry 0.25 of its shear (1000")
+    assert text.startswith("slip of 'joint' is that beside 'bolt 0', 'bolt 1', which carry 0.25 of its shear")
+    assert "(1000 of 4000)" in text
     assert "bending=1e-3 * m.bending" in text
     with pytest.warns(lf.SceneWarning, match="carry 0.25 of its shear"):
         result.quantity("joint.slip_safety")
@@ -72,4 +73,11 @@ def test_slip_behind_soft_bolts_is_beyond_the_model() -> None:
         result = lf.solve(joint(0.15, softness=1e-3), times=TIMES, progress=False)
     [text] = result.table("joint").notes
     slip = result.table("joint").value("slip", "joint")
-    assert result.converged and text.startswith(f"slip of 'joint' is up to {slip:.4g}, beyond the model, 4.47")
+    assert result.converged
+    assert text.startswith(f"slip of 'joint' is up to {slip:.4g}, beyond the model, 4.47")
+
+
+def test_samples_say_where_their_indices_are() -> None:
+    answer = lf.sample(joint(lf.Uniform("mu", 0.25, 0.3)), [[0.0], [0.5]], times=TIMES, progress=False)
+    with pytest.raises(AttributeError, match=r"ask quantity\('joint.normal'\).sobol"):
+        answer.sobol("joint")

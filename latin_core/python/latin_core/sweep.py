@@ -108,8 +108,8 @@ class SweepPoints:
     missed
         points of this run, of all ranks, that a check has refused: they are not kept.
     furthest
-        Of the points with an answer that this rank has solved or read, the one whose interfaces move most, and
-        its s and w (2, rows, columns); None: there is none.
+        Of the points with an answer that this rank has solved or read, the one whose interfaces move most,
+        and its s and w (2, rows, columns); None: there is none.
     """
 
     iterations: npt.NDArray[np.int64]

@@ -308,6 +308,15 @@ Measured Run::rescue(Measured measured) {
   return measured;
 }
 
+/// What a check finds; nothing where the run is to end before.
+std::optional<Verification::Found> Run::checked(const Measured& measured, bool goes_on) {
+  return timed(summary_.check_s, [&] {
+    return unless_ended([&] {
+      return verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
+    });
+  });
+}
+
 /// Replace the estimate by what a check finds, and the iterate by a better one where it is not good enough.
 /// @param believed the estimate is below the tolerance; else the run is about to give up
 Measured Run::verify(Measured measured, bool believed) {
@@ -328,11 +337,7 @@ Measured Run::verify(Measured measured, bool believed) {
     measured = stages_.measure(at(), history_, stop_);
   }
   const bool goes_on = rounds_left_ > 0;
-  const auto found = timed(summary_.check_s, [&] {
-    return unless_ended([&] {
-      return verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
-    });
-  });
+  const auto found = checked(measured, goes_on);
   next_check_ = fall_between_checks * measured.residual;
   // a check moves what hangs on nothing anywhere; what Newton's step says of all that is held counts
   const bool rests =

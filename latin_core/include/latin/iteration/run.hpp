@@ -57,6 +57,7 @@ class Run {
   void report(const Measured& measured);
   void tell(const Iteration& iteration);
   void tell_again(Index steps);
+  std::optional<Verification::Found> checked(const Measured& measured, bool goes_on);
   template <class Work>
   auto unless_ended(const Work& work) -> decltype(work());
   bool goes_on(Index steps);
