@@ -139,8 +139,8 @@ def _check_cells(result: Result | OnePoint, found: Mapping[str, Deformation], wh
     if np.degrees(turned.value) > LIMITS.rotation:
         beyond(
             f"rotation by {np.degrees(turned.value):.3g} degrees, {_at(result, part, turned, which)}: "
-            f"rotations are those of small motions, up to {LIMITS.rotation:g} degrees; hold the part, or take "
-            "a program for large displacements",
+            f"rotations are those of small motions, up to {LIMITS.rotation:g} degrees; hold the part, or "
+            "take a program for large displacements",
             "rotation",
         )
     part = max(found, key=lambda name: found[name].strain.value)
