@@ -13,6 +13,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES
 from dolfinx_frontend.results.answer import SAMPLES, Answer, Block
+from dolfinx_frontend.results.readings import Measures
 from dolfinx_frontend.results.saved import ResultFileError
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.sheets.clamping import Bolt
@@ -20,7 +21,7 @@ from dolfinx_frontend.sheets.names import BOLT, MARGINS, SEAL, Name
 from dolfinx_frontend.sheets.numbers import Numbers, margins_in, numbers_of, steps_of
 from dolfinx_frontend.sheets.page import number
 from dolfinx_frontend.sheets.seals import Seal, SealNumbers, seal_margin_in, seal_numbers
-from dolfinx_frontend.sheets.statistics import Known, below, statistics_of
+from dolfinx_frontend.sheets.statistics import Known, below, label, statistics_of
 from dolfinx_frontend.uncertainty.quantities import Estimate
 
 __all__ = ["Content", "Row", "Wanted", "content_of", "margins_of", "status_line"]
@@ -336,11 +337,12 @@ def _verdicts(content: Content) -> Iterator[tuple[str, bool | None]]:
         chance = _chance(content, lambda b: margins_in(answer, b, wanted.bolts, wanted.friction))
         yield f"That a joint opens or slips around any bolt has the probability {chance}.", None
     joints = list(dict.fromkeys(joint for bolt in content.wanted.bolts for joint in bolt.joints))
-    for joint in joints if random else ():
+    for joint in joints:
         whole = _whole(content, joint)
-        if whole is not None:
+        if whole is not None and random:
             chance = _chance(content, _margins_of(content, whole))
-            yield f"That “{joint}” opens or slips as a whole has the probability {chance}.", None
+            yield f"That all of “{joint}” is open or at its limit of friction: {chance}.", None
+        yield from _safety(content, joint)
     for text in content.answer.bridged(joints):
         yield f"{text[:1].upper()}{text[1:]}.", None
     for seal in content.wanted.seals:
@@ -400,6 +402,23 @@ def _ended(content: Content) -> Iterator[tuple[str, bool | None]]:
     if others:
         ended = max(others, key=STATUSES.index)
         yield f"The run ended as “{ended}”: these numbers are not those of a converged answer.", True
+
+
+def _safety(content: Content, joint: str) -> Iterator[tuple[str, bool | None]]:
+    """Of a joint that several bolts share, against slip as a whole: by its force and moment."""
+    if _whole(content, joint) is None:
+        return
+    answer, steps = content.answer, steps_of(content.answer, content.wanted.bolts)
+    read: Measures = answer.readings([joint]).interfaces[joint]  # type: ignore[attr-defined]
+    values = read.values.get("slip_safety", np.full(1, np.nan))
+    if steps is not None:
+        values = values[..., steps[0] :].min(axis=-1)
+    if np.isnan(values).any():
+        return
+    level = min(content.wanted.quantiles, default=0.5)
+    lowest = f", {number(float(np.quantile(values, level)))} at {label(level)}" if np.size(values) > 1 else ""
+    text = f"“{joint}” as a whole: its friction is {number(float(np.median(values)))} times the force and moment "
+    yield f"{text}along it{' (median' + lowest + ')' if lowest else ''}.", None
 
 
 def _margins_of(content: Content, bolt: Bolt) -> Callable[[Block], Array]:

@@ -408,7 +408,11 @@ def test_a_joint_of_two_bolts_has_a_probability_of_its_own() -> None:
     scene.traction("top:x1", later * (10.0, 0.0))
     answer = lf.quasi_monte_carlo(lf.assemble(scene), 16, times=[1.0, 2.0], progress=False)
     said = " ".join(lf.report(answer, errors=False, pictures=False).sentences)
-    assert "opens or slips around it" in said and "“joint” opens or slips as a whole" in said
+    assert "opens or slips around it" in said and "all of “joint” is open or at its limit of friction" in said
+    safety = answer.quantity("joint.slip_safety").values
+    shown = re.search(r"its friction is ([\d.]+) times .* \(median, ([\d.]+) at 5 %\)", said)
+    assert shown is not None and float(shown[1]) == pytest.approx(np.median(safety), rel=1e-3)
+    assert float(shown[2]) == pytest.approx(np.quantile(safety, 0.05), rel=1e-3)
 
 
 def test_samples_that_slide_are_answers() -> None:
