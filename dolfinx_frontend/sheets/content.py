@@ -417,8 +417,9 @@ def _safety(content: Content, joint: str) -> Iterator[tuple[str, bool | None]]:
         return
     level = min(content.wanted.quantiles, default=0.5)
     lowest = f", {number(float(np.quantile(values, level)))} at {label(level)}" if np.size(values) > 1 else ""
-    text = f"“{joint}” as a whole: its friction is {number(float(np.median(values)))} times the force and moment "
-    yield f"{text}along it{' (median' + lowest + ')' if lowest else ''}.", None
+    middle = number(float(np.median(values)))
+    text = f"“{joint}” as a whole: its friction is {middle} times the force and moment along it"
+    yield f"{text}{' (median' + lowest + ')' if lowest else ''}.", None
 
 
 def _margins_of(content: Content, bolt: Bolt) -> Callable[[Block], Array]:
