@@ -88,7 +88,11 @@ def _check_fields(result: Result | OnePoint, which: str) -> bool:
 def _deformed(result: Result | OnePoint, known: Flags) -> Iterator[tuple[str, Deformation]]:
     """Of the parts of this rank that have a mesh here; of none where recovering the fields takes too long."""
     problem = result.problem
-    parts = {n: s for n, s in problem.substructures.items() if n not in problem.spread and not frames_of(s)}
+    parts = {
+        name: part
+        for name, part in problem.substructures.items()
+        if name not in problem.spread and not frames_of(part) and part.part is not None
+    }
     numbers = len(known) * sum(len(s.load) for s in problem.substructures.values())
     if not parts or not known.any() or numbers > LIMITS.numbers:
         return
