@@ -199,6 +199,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "balance",
         "certificate",
         "readings",
+        "bridged",
         "tables",
         "stress",
         "deformation",

@@ -13,6 +13,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.common.model_limits import LIMITS
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
@@ -230,6 +231,12 @@ class Interface(PointFrames):
         sizes = np.asarray(self.areas.sum(axis=1)).ravel() ** (1.0 / max(self.dim - 1, 1))
         of_points = np.asarray(self.areas.sum(axis=0)).ravel()
         return np.asarray(self.areas.T @ sizes / np.maximum(of_points, np.finfo(float).tiny))
+
+    @property
+    def reach(self) -> Array:
+        """(m,), length: how far each point may slide, a facet or 5 % of the face; pressures stay there."""
+        face = float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        return np.minimum(self.cell_sizes, LIMITS.sliding * face if face > 0.0 else np.inf)
 
     def stiffness_unit(self, parts: Mapping[str, Elasticity], modulus: float | None = None) -> float:
         """Stiffness of the softer part in the unit of a spring of this interface.

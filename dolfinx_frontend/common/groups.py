@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dolfinx_frontend.common.arrays import Ints
 from dolfinx_frontend.common.deferred import sp
 
-__all__ = ["group_labels", "grouped"]
+__all__ = ["distances", "group_labels", "grouped"]
 
 T = TypeVar("T", bound=Hashable)
 
@@ -47,3 +47,17 @@ def grouped(things: Sequence[T], pairs: Iterable[tuple[T, T]]) -> list[list[T]]:
     for thing, k in number.items():
         groups[label[k]].append(thing)
     return groups
+
+
+def distances(pairs: Iterable[tuple[T, T]], start: T) -> dict[T, int]:
+    """Thing -> number of pairs between it and the first one, of those that are connected with it."""
+    links = list(pairs)
+    found, border = {start: 0}, [start]
+    while border:
+        here = border.pop(0)
+        for pair in links:
+            for a, b in (pair, pair[::-1]):
+                if a == here and b not in found:
+                    found[b] = found[here] + 1
+                    border.append(b)
+    return found

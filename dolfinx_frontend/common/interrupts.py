@@ -16,6 +16,8 @@ from typing import Any, Self
 
 import numpy as np
 
+from dolfinx_frontend.common.progress import Bar
+
 __all__ = [
     "Interrupt",
     "Interrupted",
@@ -118,6 +120,8 @@ class Interrupt:
         """A callback for the kernel that ends the run once Ctrl-C was pressed."""
 
         def each(iteration: Any) -> None:
+            for bar in Bar.running[-1:]:
+                bar.at(iteration.number, iteration.error)
             if not self.pressed and callback is not None:
                 callback(iteration)
             if self.pressed:

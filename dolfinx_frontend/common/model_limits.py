@@ -22,6 +22,8 @@ class Settings:
     """Largest principal strain: what the linear measure leaves out is of its own size, 1 % of it."""
     rotation: float = 5.0
     """Degrees: a rotation phi makes a strain of phi^2 / 2 that is none, here 0.4 %."""
+    sliding: float = 0.05
+    """Share of a face that its points may slide along: pressures are where the faces were."""
     misread: float = 1.0
     """Displacement over the size of the assembly from which on a unit is wrong, and no load too large."""
     nothing: float = 1e-9

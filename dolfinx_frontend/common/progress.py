@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 import threading
 from time import monotonic, sleep
@@ -18,6 +19,7 @@ from types import TracebackType
 from typing import Any, ClassVar, Self
 
 from dolfinx_frontend.common.checks import checked_flag
+from dolfinx_frontend.common.describe import shown_error
 
 __all__ = ["Bar", "progress"]
 
@@ -73,7 +75,7 @@ class Bar:
         self, total: int | None, what: str, unit: str = "point", wanted: bool = True, stays: bool = False
     ) -> None:
         self._bar: Any = None
-        self.what, self.unit, self.total, self.done = what, unit, total, 0
+        self.what, self.unit, self.total, self.done, self.within = what, unit, total, 0, ""
         self.told, self.began = wanted, monotonic()
         Bar.running.append(self)
         if wanted and _log.isEnabledFor(logging.INFO):
@@ -89,16 +91,22 @@ class Bar:
     def __str__(self) -> str:
         of = "" if self.total is None else f" of {self.total}"
         far = f"{self.unit} {self.done}{of}, " if self.done or self.total != 1 else ""
-        return f"{self.what}: {far}{monotonic() - self.began:.0f} s"
+        return f"{self.what}: {far}{self.within}{monotonic() - self.began:.0f} s"
 
     @property
     def drawn(self) -> bool:
         """Whether a terminal has it."""
         return self._bar is not None
 
+    def at(self, iteration: int, error: float) -> None:
+        """How far the step that is under way is."""
+        if self.unit != "iteration":
+            self.within = f"iteration {iteration}, error {shown_error(error)}, "
+
     def step(self, **shown: Any) -> None:
         """One step is done; the keyword arguments are shown behind the bar."""
         self.done += 1
+        self.within = ""
         if self._bar is not None:
             self._bar.set_postfix(shown, refresh=False)
             self._bar.update()
@@ -127,6 +135,7 @@ def _tell() -> None:
 
 
 def _telling() -> None:
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})  # it is for the main thread
     while Bar.running:
         sleep(EVERY)
         # a phase that has begun just now is no news

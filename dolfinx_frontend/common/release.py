@@ -6,6 +6,7 @@ import contextlib
 import importlib
 import logging
 import re
+import signal
 import warnings
 
 OLDEST = (0, 9)
@@ -37,8 +38,11 @@ def check() -> None:
         If it is newer than any release that was tested.
     """
     oldest, newest = (".".join(map(str, release)) for release in (OLDEST, NEWEST_TRIED))
+    # the thread that MPI starts leaves SIGTERM to this one, which holds it back while METIS would lose it
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     with contextlib.suppress(ModuleNotFoundError):  # it asks MPI for several threads, dolfinx would not
         importlib.import_module("mpi4py.MPI")
+    signal.pthread_sigmask(signal.SIG_SETMASK, mask)
     try:
         dolfinx = importlib.import_module("dolfinx")
     except ModuleNotFoundError as missing:

@@ -59,10 +59,11 @@ def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType 
 
 
 def _in_notebook(shell: Any, kind: type[BaseException], error: BaseException, trace: Any, **_: Any) -> None:
-    if _whole:
-        shell.showtraceback((kind, error, trace))
-        return
-    sys.stderr.write(_text(kind, error, trace))
+    """As IPython shows others: cells and lines, without its own frames."""
+    if not _whole:
+        error.__cause__ = error.__context__ = None
+        trace = shortened(trace) or trace
+    shell.showtraceback((kind, error, trace))
 
 
 def install() -> None:

@@ -581,7 +581,9 @@ def _smaller_tolerance(result: Result, made: Errors) -> str:
     flops, seconds = _iteration_cost(result)
     count = _iterations_for(result, 0.5)
     if count is None:
-        advice = remedy(result.status) or "nothing of its run says how many iterations it would take"
+        laws = [each.law for each in result.problem.interfaces.values()]
+        advice = remedy(result.status, laws=laws)
+        advice = advice or "nothing of its run says how many iterations it would take"
         return f"the error does not fall any more ({result.status}): {advice}"
     return (
         f"rtol = {0.5 * result.plan.options.rtol:.1e}: about {count} more iterations, "

@@ -15,7 +15,15 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_kind, check_known, is_list, is_real, is_whole
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    checked_callable,
+    checked_name,
+    is_list,
+    is_real,
+    is_whole,
+)
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
@@ -95,6 +103,38 @@ class Part(OneProcess):
         """
         check_known("face", name, self.names)
         return np.asarray(self.facet_tags.find(self.names[name]), dtype=np.int32)
+
+    def with_face(self, name: str, where: Marker, of: str | None = None) -> Part:
+        """The same mesh with one more face, which takes its facets from the others: under a head, say.
+
+        Parameters
+        ----------
+        where
+            Of coordinates (3, n): where (n,) they are on it, as of ``dolfinx.mesh.locate_entities_boundary``;
+            a facet is on it with all its corners.
+        of
+            Face that it is cut out of; None: any.
+
+        Raises
+        ------
+        SceneError
+            A name that is in use, a face that there is not, or no facet there.
+        """
+        if checked_name("with_face", name, colon=False) in self.names:
+            known = ", ".join(self.names)
+            raise SceneError(f"with_face: face {name!r}: the name is in use; there are {known}")
+        within = exterior_facets(self.mesh) if of is None else self.facets(of)
+        checked_callable("with_face", "where", where, "give a function of coordinates (3, n)")
+        dim = self.mesh.topology.dim - 1
+        facets = np.intersect1d(dmesh.locate_entities_boundary(self.mesh, dim, where), within)
+        if not facets.size:
+            there = "of the boundary" if of is None else f"of face {of!r}"
+            raise SceneError(
+                f"with_face: face {name!r}: no facet {there} has all its corners where the function holds: "
+                "smaller cells, or a larger face"
+            )
+        rest = {each: np.setdiff1d(self.facets(each), facets) for each in self.names if each != FREE}
+        return tagged(self.mesh, {**{n: own for n, own in rest.items() if own.size}, name: facets})
 
     def volume(self) -> float:
         """Volume, or area in two dimensions."""

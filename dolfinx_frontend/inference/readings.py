@@ -51,7 +51,9 @@ class _Probe(SweepResult):
 
     moved: Callable[[str, Ints | None], Array] = field(kw_only=True)
 
-    def _displacements(self, part: slice) -> Callable[[str, Ints | None], Array]:
+    def _displacements(
+        self, part: slice, states: Array | None = None
+    ) -> Callable[[str, Ints | None], Array]:
         def displacement(name: str, unknowns: Ints | None) -> Array:
             self._check_part(name)
             block = self.moved(name, unknowns)[part]  # (n, columns, unknowns)

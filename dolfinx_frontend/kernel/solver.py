@@ -195,7 +195,8 @@ class Solver:
             began = perf_counter()
 
             def each(iteration: Iteration) -> None:
-                bar.step(error=shown_error(iteration.error))
+                if iteration.number >= bar.done:  # the same one goes on
+                    bar.step(error=shown_error(iteration.error))
                 if noisy:
                     error = shown_error(iteration.error)
                     _log.debug("iteration %d: estimated error %s", iteration.number, error)

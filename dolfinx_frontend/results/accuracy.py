@@ -6,7 +6,7 @@ large. The largest decides on the status.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,6 +36,7 @@ __all__ = [
     "largest_of",
     "place_of",
     "remedy",
+    "stronger",
     "unsolved",
 ]
 
@@ -54,15 +55,29 @@ _REMEDIES = {
     "open, or apply the loads in more steps",
     "time_limit": "allow more with max_seconds, or go on from here with start=result",
     "interrupted": "go on from here with start=result",
-    SLIDES: "raise preload or friction, or hold what moves",
+    SLIDES: "hold what moves, or leave such values out",
     UNDETERMINED: "hold what is free (the log names it), or leave such values out",
-    NO_EQUILIBRIUM: "raise preload or friction, hold what moves, or leave such values out",
+    NO_EQUILIBRIUM: "hold what moves, or leave such values out",
     INEXACT: "rounding leaves no more: make stiffnesses less different",
 }
 
 
-def remedy(status: str, error: float = float("nan")) -> str:
-    """What to do about a run that ended so, with that error; nothing if it converged."""
+def stronger(laws: Iterable[Any]) -> str:
+    """What laws would hold more with: ``"raise preload or friction, "``; empty: they hold by nothing."""
+    every = [law for law in laws if not isinstance(law, str)]  # of a file there are names
+    ways = {
+        "preload": any(law.bolt for law in every),
+        "friction": any(law.rubs for law in every),
+        "the strength of the bond": any(law.softens for law in every),
+    }
+    named = " or ".join(way for way, is_there in ways.items() if is_there)
+    return f"raise {named}, " if named else ""
+
+
+def remedy(status: str, error: float = float("nan"), laws: Iterable[Any] = ()) -> str:
+    """What to do about a run that ended so, with that error and laws; nothing if it converged."""
+    if status in (SLIDES, NO_EQUILIBRIUM):
+        return stronger(laws) + _REMEDIES[status]
     if status in (UNDECIDED, INEXACT) and error < ACCEPTABLE:
         return f"if that is good enough, loosen rtol to {2.0 * error:.0e}"
     return _REMEDIES.get(status, "")
@@ -225,12 +240,19 @@ def place_of(plan: Plan, bodies: Sequence[Sequence[str]], worst: Sequence[int]) 
     return ", ".join(word for word in (body_name(bodies[body]), group_name(plan, row, 1)) if word)
 
 
-def ended(status: str, error: float, place: str, rtol: float, iterations: int | None = None) -> str:
+def ended(
+    status: str,
+    error: float,
+    place: str,
+    rtol: float,
+    iterations: int | None = None,
+    laws: Iterable[Any] = (),
+) -> str:
     """How a run ended, in a sentence; where, how far off and what to do if it did not converge."""
     if status == "converged":
         return f"converged, estimated error {shown_error(error)}" + (f" ({place})" if place else "")
     where = f" in {place}" if place else ""
-    advice = remedy(status, error)
+    advice = remedy(status, error, laws)
     if status == INEXACT and error <= rtol:
         advice = "each sample is right; rounding hides a part of what they differ by"
     after = "" if iterations is None else f" after {iterations} iterations"

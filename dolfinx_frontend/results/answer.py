@@ -19,7 +19,7 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.contact import BondValues, ContactValues
 from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.uncertainty.quantities import Kind
 
@@ -139,7 +139,7 @@ class Block:
     count: int
     _both: Callable[[str], tuple[Array, Array]]
     _displacement: Callable[[str, Ints | None], Array]
-    _contact: Callable[[str], ContactValues | None] = lambda _: None
+    _contact: Callable[[str], ContactValues | BondValues | None] = lambda _: None
     germs: Array | None = None
     weights: Array | None = None
     _force: Callable[[str], Array] | None = None
@@ -191,7 +191,13 @@ class Block:
 
     def contact(self, interface: str) -> ContactValues | None:
         """Clearance and friction of a contact; None: it is none, or they are not known."""
-        return self._contact(interface)
+        values = self._contact(interface)
+        return values if isinstance(values, ContactValues) else None
+
+    def bond(self, interface: str) -> BondValues | None:
+        """Stiffness of a bond, which tells its damage; None: it is none, or it is not known."""
+        values = self._contact(interface)
+        return values if isinstance(values, BondValues) else None
 
 
 class Answer(Protocol):
@@ -235,6 +241,9 @@ class Answer(Protocol):
 
     def surface(self, interface: str) -> Surface:
         """An interface as the answer sees it."""
+
+    def bridged(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """What beams carry of the shear of joints whose slip is asked for, a sentence each."""
 
     def why_unknown(self, interface: str) -> str | None:
         """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""

@@ -37,14 +37,14 @@ from dolfinx_frontend.results.answer import (
     stepped,
     timed,
 )
-from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.contact import BondValues, ContactValues
 from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Interest, Resultant, asked
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.surfaces import law_values
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.results.witnessed import WitnessedQuantity
 from dolfinx_frontend.scene.amplitudes import check_step
@@ -535,9 +535,9 @@ class ChaosResult(Result, StochasticResult):
                 return self._sampled(name, points, psi)
             return self._eliminated(name, displacement)
 
-        def contact(name: str) -> ContactValues | None:
+        def contact(name: str) -> ContactValues | BondValues | None:
             parameters = partial(self._parameters_at, name, points)
-            return law_contact(self.problem, self.plan, name, len(points), parameters)
+            return law_values(self.problem, self.plan, name, len(points), parameters)
 
         def force(name: str) -> Array:
             self._check_interface(name)

@@ -1,4 +1,4 @@
-"""Where a contact is open, sticks or slips, and the values of its law that decide it."""
+"""Where a contact is open, sticks or slips, how far a bond is damaged, and what of laws decides it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,18 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array, Flags
 
-__all__ = ["CLOSED", "OPEN", "SLIPS", "ContactValues", "contact_states", "contact_values", "slip_use"]
+__all__ = [
+    "CLOSED",
+    "DAMAGED",
+    "OPEN",
+    "SLIPS",
+    "BondValues",
+    "ContactValues",
+    "bond_values",
+    "contact_states",
+    "contact_values",
+    "slip_use",
+]
 
 OPEN, CLOSED, SLIPS = 0.0, 1.0, 2.0
 """States of a contact; closed with friction is stick."""
@@ -17,6 +28,8 @@ NOTHING = 1e-9
 """A pressure below this fraction of the largest is none: the point is open."""
 AT_LIMIT = 1e-6
 """A friction force within this fraction of its limit slips."""
+DAMAGED = 1e-3
+"""Damage that rounding and tolerances do not make; within it of 1 a bond is broken."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +64,53 @@ class ContactValues:
         clearance = of(self.clearance)
         assert clearance is not None
         return ContactValues(clearance, of(self.friction), of(self.threshold))
+
+
+@dataclass(frozen=True)
+class BondValues:
+    """Values of a bond, each broadcast to (samples, steps, m, components).
+
+    Attributes
+    ----------
+    stiffness
+        Of the sound bond, force / length^3.
+    jump
+        Imposed, length.
+    """
+
+    stiffness: Array
+    jump: Array
+
+    def __getitem__(self, part: slice) -> BondValues:
+        """The values of some of the samples."""
+        return BondValues(*(v if len(v) == 1 else v[part] for v in (self.stiffness, self.jump)))
+
+    def damage(self, force: Array, jump: Array) -> Array:
+        """Share of the stiffness that is lost, (n, T, m), by the fields (n, T, m, components)."""
+        sound = self.stiffness * (jump - self.jump)
+        tension = np.maximum(sound[..., 0], 0.0)  # contact stays elastic
+        carries = np.hypot.reduce([np.maximum(force[..., 0], 0.0), *np.moveaxis(force[..., 1:], -1, 0)])
+        would = np.hypot.reduce([tension, *np.moveaxis(sound[..., 1:], -1, 0)])
+        loaded = would > NOTHING * would.max(initial=0.0)
+        left = np.divide(carries, would, out=np.ones_like(would), where=loaded)
+        return np.asarray(np.maximum.accumulate(np.clip(1.0 - left, 0.0, 1.0), axis=1))
+
+
+def _by_point(block: Array, points: int, samples: int) -> Array:
+    """Rows (points * components, 1 or samples * steps) as (1 or samples, 1 or steps, m, components)."""
+    rows = block.reshape(points, -1, samples if block.shape[1] > 1 else 1, max(block.shape[1] // samples, 1))
+    return np.moveaxis(rows, (2, 3), (0, 1))
+
+
+def bond_values(parameters: Mapping[str, Array], points: int, samples: int, components: int) -> BondValues:
+    """Values of a bond from its parameters, as :func:`contact_values`."""
+    normal, tangential, jump = (
+        _by_point(parameters[name], points, samples) for name in ("normal", "tangential", "jump")
+    )
+    shape = np.broadcast_shapes(normal.shape[:3], tangential.shape[:3])
+    along = np.broadcast_to(tangential[..., -1:], (*shape, components - 1))
+    stiffness = np.concatenate([np.broadcast_to(normal[..., :1], (*shape, 1)), along], axis=-1)
+    return BondValues(stiffness, jump[..., :components])
 
 
 def contact_values(parameters: Mapping[str, Array], points: int, samples: int) -> ContactValues:

@@ -25,7 +25,7 @@ from dolfinx_frontend.common.checks import (
     checked_word,
     told_call,
 )
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.html import Shown
 from dolfinx_frontend.results import tables, writing
 from dolfinx_frontend.results.answer import (
@@ -37,6 +37,7 @@ from dolfinx_frontend.results.answer import (
     one_number_a_sample,
     stepped,
 )
+from dolfinx_frontend.results.bridged import slid
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import Readings, column_of, read
 from dolfinx_frontend.results.probes import AtPoint, reaction_of
@@ -85,6 +86,11 @@ class Face(Shown, ABC):
                 raise AttributeError(
                     f"{type(self).__name__} has no {name!r}: it is that of a quantity; ask "
                     "mean_std(Quantile('joint', 0.95)) or quantity('joint.pressure_max').quantile(0.95)"
+                )
+            if name == "sobol":
+                raise AttributeError(
+                    f"{type(self).__name__} has no 'sobol': ask quantity('joint.normal').sobol(), or solve "
+                    "with chaos=Chaos(order)"
                 )
             return object.__getattribute__(self, name)  # raises, with the reason if a property failed
 
@@ -255,9 +261,11 @@ class Face(Shown, ABC):
             raise SceneError(f"displacements of {name!r} are not known: {self.without_displacements}")
 
     def _eliminated(
-        self, name: str, displacement: Callable[[str, Ints | None], Array]
+        self, name: str, displacement: Callable[[str, Ints | None], Array], kept: bool = False
     ) -> tuple[Array, Array]:
         """Force and jump (n, [T,] m, components) of a spring or load, from unknowns (n, [T,] unknowns).
+
+        `kept`: these are known, whatever is of other samples.
 
         Raises
         ------
@@ -270,7 +278,7 @@ class Face(Shown, ABC):
                 f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is "
                 f"not an unknown: solve with active=[{name!r}] to have it"
             )
-        if self.without_displacements is not None:
+        if self.without_displacements is not None and not kept:
             raise SceneError(
                 f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force follows from "
                 f"the displacements: {self.without_displacements}"
@@ -602,6 +610,9 @@ class Face(Shown, ABC):
         wanted += "deviation, or the quantile: mean_std(Quantile('joint', 0.95))"
         if isinstance(function, str) and "." in function:
             name = function if name == "quantity" else name
+            joint, _, column = function.rpartition(".")
+            for text in self.bridged([joint]) if column.startswith("slip") else ():
+                warn(text, SceneWarning, f"{joint} bridged")
             function = column_of(self, function, check_step(self.times, step, "quantity"))
         number: Callable[..., Any] = checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
@@ -675,8 +686,14 @@ class Face(Shown, ABC):
             Of a chaos: this many random samples (None: 4096).
         """
         self.problem.check_alike("table", step=step, about=about, quantiles=quantiles)
-        found = tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
-        return replace(found, notes=(*found.notes, *self.unsolved))
+        read = self.readings(interfaces, samples, seed)
+        found = tables.summarise(read, step, about, quantiles)
+        beside = (*self.bridged(list(read.interfaces)), *slid(self.problem, read))
+        return replace(found, notes=(*found.notes, *beside, *self.unsolved))
+
+    def bridged(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """What beams carry of the shear of joints whose slip is asked for, a sentence each."""
+        return ()
 
     @together("bolts")
     def bolts(

@@ -42,6 +42,8 @@ class OnePoint(Face):
     status, iterations, error, place
         How its iteration ended, global stages, estimated relative error (NaN: not known) and where it is
         largest.
+    kept
+        Whether its state is known, whatever the whole has of others.
     """
 
     status: str = ""
@@ -54,7 +56,9 @@ class OnePoint(Face):
         iterations: int,
         error: float,
         place: str = "",
+        kept: bool = False,
     ) -> None:
+        self._kept = kept
         self.whole, self._block = whole, block
         self.problem, self.plan, self.seconds = whole.problem, whole.plan, whole.seconds
         self.status, self.iterations, self.error, self.place = status, iterations, error, place
@@ -88,6 +92,8 @@ class OnePoint(Face):
     @property
     def without_displacements(self) -> str | None:
         """Why there are no displacements, and how to get them; None: there are."""
+        if self._kept:
+            return None
         why: str | None = self.whole.without_displacements
         return why
 

@@ -21,7 +21,7 @@ from dolfinx_frontend.common.checks import check_known, checked_names, checked_n
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
-from dolfinx_frontend.results.contact import contact_states
+from dolfinx_frontend.results.contact import DAMAGED, contact_states
 from dolfinx_frontend.results.reactions import Reaction, reaction
 from dolfinx_frontend.uncertainty.quantities import Kind
 
@@ -32,8 +32,11 @@ ROUNDED = 1e-14
 """Products of unit vectors up to this are those of orthogonal ones."""
 SQUARED = 1e150
 """Forces above it are scaled before they are squared."""
-OF_CONTACT = ("open_area", "slip_area", "slip_use", "slip", "slip_share", "slip_safety")
+OF_FRICTION = ("slip_area", "slip_use", "slip", "slip_share", "slip_safety")
+OF_CONTACT = ("open_area", *OF_FRICTION)
 """Columns of the table that only contacts have."""
+OF_BONDS = ("damage", "damaged_share", "broken_share")
+"""Columns of the table that only bonds have."""
 UNLOADED = 1e-5
 """What acts along an interface below so much of the limit of friction is nothing."""
 ACROSS = 1e-2
@@ -251,6 +254,7 @@ def measure(
     force: Array,
     limits: tuple[Array, Array] | None = None,
     jump: Array | None = None,
+    damage: Array | None = None,
 ) -> dict[str, Array]:
     """Numbers of an interface from its force per area.
 
@@ -262,6 +266,8 @@ def measure(
         Friction coefficient and threshold, each broadcast to (..., m); None: no friction.
     jump
         As the force, length; None: not known.
+    damage
+        (..., m) of a bond; None: it is none.
 
     Returns
     -------
@@ -288,7 +294,12 @@ def measure(
     values["pressure_max"] = -normal.min(axis=-1)
     values["shear_max"] = shear.max(axis=-1)
     nothing = np.full(force.shape[:-2], np.nan)
-    values |= dict.fromkeys(OF_CONTACT, nothing)
+    values |= dict.fromkeys((*OF_CONTACT, *OF_BONDS), nothing)
+    if damage is not None:
+        shares = weights / weights.sum()
+        values["damage"] = damage.max(axis=-1)
+        values["damaged_share"] = (damage > DAMAGED) @ shares
+        values["broken_share"] = (damage > 1.0 - DAMAGED) @ shares
     if surface.contact:
         values["open_area"] = contact_states(normal, shear, None)[0] @ weights
         if limits is not None:
@@ -300,8 +311,10 @@ def measure(
     return values
 
 
-def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, Array]:
-    """Numbers (N, T) of an interface whose force is known at its points."""
+def _measured(
+    answer: Answer, name: str, blocks: Sequence[Block], column: str | None = None
+) -> dict[str, Array]:
+    """Numbers (N, T) of an interface whose force is known at its points; of one `column` what that takes."""
     surface, given = answer.surface(name), answer.load(name)
     if given is not None:  # the same in all samples
         values = measure(surface, stepped(given, answer.times)[None])
@@ -309,13 +322,18 @@ def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, A
         return {column: np.broadcast_to(v, (count, *v.shape[1:])) for column, v in values.items()}
     found = []
     for block in blocks:
-        force, contact = stepped(block.force(name), answer.times, 1), block.contact(name)
+        force = stepped(block.force(name), answer.times, 1)
+        of_contact, of_bond = (column in (None, *each) for each in (OF_FRICTION, OF_BONDS))
+        contact = block.contact(name) if of_contact and surface.contact else None
+        bond = block.bond(name) if of_bond and not surface.contact else None
         rubs = contact is not None and contact.limits is not None
-        jump = stepped(block.jump(name), answer.times, 1) if rubs else None
+        jump = stepped(block.jump(name), answer.times, 1) if rubs or bond else None
         # the fields of a block are in memory already; what is computed from them is done in parts
         for part in chunks(len(force), force[0].size):
             limits = None if contact is None else contact[part].limits
-            found.append(measure(surface, force[part], limits, None if jump is None else jump[part]))
+            moved = None if jump is None else jump[part]
+            damage = bond[part].damage(force[part], moved) if bond and moved is not None else None
+            found.append(measure(surface, force[part], limits, moved, damage))
     return {column: np.concatenate([each[column] for each in found]) for column in found[0]}
 
 
@@ -334,6 +352,7 @@ def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[
     nothing = np.full(shape, np.nan)
     rest = (
         "normal", "shear", "pressure_min", "pressure_mean", "pressure_max", "shear_max", *OF_CONTACT,
+        *OF_BONDS,
     )  # fmt: skip
     values = {"area": np.full(shape, surface.area)} | resultants | dict.fromkeys(rest, nothing)
     normal = surface.normals[0]
@@ -370,7 +389,9 @@ def column_of(answer: Answer, text: str, step: int = -1) -> Callable[[Block], Ar
             raise SceneError(f"{where}: interface {name!r}: {why or SHARED}")
 
     def read(block: Block) -> dict[str, Array]:
-        return _reacted(surface, held[0], [block]) if held and held[0] else _measured(answer, name, [block])
+        if held and held[0]:
+            return _reacted(surface, held[0], [block])
+        return _measured(answer, name, [block], column)
 
     def number(block: Block) -> Array:
         values = answer.everywhere(name, partial(read, block))

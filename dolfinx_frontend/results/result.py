@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -26,6 +26,7 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
 from dolfinx_frontend.results.acting import load_factors, mean_number
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
+from dolfinx_frontend.results.bridged import bridged
 from dolfinx_frontend.results.certificate import write_certificate
 from dolfinx_frontend.results.errors import (
     Continuation,
@@ -39,7 +40,7 @@ from dolfinx_frontend.results.errors import (
 )
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.resultant import Interest, asked
-from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.surfaces import law_values
 from dolfinx_frontend.results.value import Value
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
@@ -154,12 +155,17 @@ class Result(Value, Face):
     def ended(self) -> str:
         """Status, estimated error, its place and, if the run did not converge, a remedy, in a sentence."""
         iterations = None if self.corrected is not None else self.iterations
-        return ended(self.status, self.error, self.place, self.plan.options.rtol, iterations)
+        laws = [each.law for each in self.problem.interfaces.values()]
+        return ended(self.status, self.error, self.place, self.plan.options.rtol, iterations, laws)
 
     @property
     def unsolved(self) -> tuple[str, ...]:
         """What a table has to say of a run that did not converge."""
         return () if self.converged else (f"NOT CONVERGED: {self.ended}",)
+
+    def bridged(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """What beams carry of the shear of joints whose slip is asked for, a sentence each."""
+        return bridged(self, joints) if self.problem.comm is None else ()
 
     @property
     def kind(self) -> AnswerKind:
@@ -227,7 +233,7 @@ class Result(Value, Face):
             force, jump = self._local(name)
             return force[None], jump[None]
 
-        contact = partial(law_contact, self.problem, self.plan)
+        contact = partial(law_values, self.problem, self.plan)
         number = partial(mean_number, self.problem)
         load = partial(load_factors, self.problem, self.times, of=number)
         yield Block(1, both, self._as_sample, contact, _load=load, _parts=self.problem.substructures)

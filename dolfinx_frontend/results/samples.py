@@ -22,11 +22,11 @@ from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.acting import load_factors, stiffness_factors, swept_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block
-from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.contact import BondValues, ContactValues
 from dolfinx_frontend.results.errors import Errors, Estimator, MeanStd, not_measured
 from dolfinx_frontend.results.moments import Accumulator
 from dolfinx_frontend.results.resultant import Interest, asked
-from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.surfaces import law_values
 from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.results.value import Value
@@ -133,13 +133,13 @@ class SampleResult(Value, PointResults, StochasticResult):
         weights = {} if self.weights is None else {"weights": self.weights}
         return {**super().extra_content(parts, samples, seed), "germs": self.germs, **weights}
 
-    def _contact_at(self, name: str, part: slice) -> ContactValues | None:
+    def _contact_at(self, name: str, part: slice) -> ContactValues | BondValues | None:
         germs = self.germs[part]
 
         def sampled(fields: Fields) -> dict[str, Array]:
             return sampled_parameters(self.random, name, germs, fields, self.plan.steps)
 
-        return law_contact(self.problem, self.plan, name, len(germs), sampled)
+        return law_values(self.problem, self.plan, name, len(germs), sampled)
 
     def _swept_loads(self) -> Sequence[SweptParameter]:
         random, germs = self.random, self.germs
@@ -155,9 +155,9 @@ class SampleResult(Value, PointResults, StochasticResult):
         number: Array = self.probabilities @ load_factors(self.problem, self.times, load, parameter, of)
         return number
 
-    def _block(self, part: slice) -> Block:
+    def _block(self, part: slice, states: Array | None = None) -> Block:
         weights = None if self.weights is None else self.weights[part]
-        return replace(super()._block(part), germs=self.germs[part], weights=weights)
+        return replace(super()._block(part, states), germs=self.germs[part], weights=weights)
 
     def inputs(self, number: Callable[[Block], Array], germs: Array) -> Inputs:
         """The germs: nothing more is known than the values."""

@@ -10,10 +10,10 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.kernel.bridge import active_fields
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.answer import Surface
-from dolfinx_frontend.results.contact import ContactValues, contact_values
+from dolfinx_frontend.results.contact import BondValues, ContactValues, bond_values, contact_values
 from dolfinx_frontend.scene.laws import Fields
 
-__all__ = ["law_contact", "surface_of"]
+__all__ = ["law_contact", "law_values", "surface_of"]
 
 
 def surface_of(interface: Interface, times: Array | None) -> Surface:
@@ -35,14 +35,20 @@ def surface_of(interface: Interface, times: Array | None) -> Surface:
     )
 
 
-def law_contact(
+def law_contact(problem: Problem, plan: Plan, name: str) -> ContactValues | None:
+    """Values of a contact at all times; None: it is none."""
+    values = law_values(problem, plan, name)
+    return values if isinstance(values, ContactValues) else None
+
+
+def law_values(
     problem: Problem,
     plan: Plan,
     name: str,
     samples: int = 1,
     sampled: Callable[[Fields], Mapping[str, Array]] | None = None,
-) -> ContactValues | None:
-    """Values of a contact at all times; None: it is none.
+) -> ContactValues | BondValues | None:
+    """Values of a contact or a bond at all times; None: it is neither.
 
     Parameters
     ----------
@@ -51,8 +57,11 @@ def law_contact(
         (rows, samples * steps), steps fastest; None: those of the law.
     """
     interface = problem.interfaces[name]
-    if not interface.law.unilateral:
+    if not (interface.law.unilateral or interface.law.softens):
         return None
     fields = active_fields(interface, plan)
     parameters = fields.parameters if sampled is None else sampled(fields)
+    if interface.law.softens:
+        components = interface.law.count(interface.dim)
+        return bond_values(parameters, interface.num_points, samples, components)
     return contact_values(parameters, interface.num_points, samples)

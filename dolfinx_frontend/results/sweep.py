@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -17,15 +17,17 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.statuses import INEXACT
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of, unsolved
 from dolfinx_frontend.results.acting import STIFFNESS, factors_of, load_factors, mean_number, with_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
-from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.bridged import bridged
+from dolfinx_frontend.results.contact import BondValues, ContactValues
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
-from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.surfaces import law_values
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
@@ -44,8 +46,8 @@ class PointResults(Face):
     laws: Laws
 
     @abstractmethod
-    def _contact_at(self, name: str, part: slice) -> ContactValues | None:
-        """Values of a contact at some of the points."""
+    def _contact_at(self, name: str, part: slice) -> ContactValues | BondValues | None:
+        """Values of a contact or a bond at some of the points."""
 
     @property
     @abstractmethod
@@ -91,7 +93,8 @@ class PointResults(Face):
         """The worst status, its estimated error and place and, if it did not converge, a remedy."""
         error = largest_of(self.error[self.finished])
         count = int(np.sum(self.statuses != "converged"))
-        text = ended(self.status, error, self.place, self.plan.options.rtol)
+        laws = [each.law for each in self.problem.interfaces.values()]
+        text = ended(self.status, error, self.place, self.plan.options.rtol, laws=laws)
         if not count:
             return text
         return f"{count} of {self.statuses.size} points did not converge, the worst as {text}"
@@ -114,7 +117,8 @@ class PointResults(Face):
 
     def contact_at(self, name: str) -> ContactValues | None:
         """Friction and gap of a contact at all points; None: the law is no contact."""
-        return self._contact_at(name, slice(None))
+        values = self._contact_at(name, slice(None))
+        return values if isinstance(values, ContactValues) else None
 
     @property
     def reached(self) -> Flags:
@@ -158,30 +162,33 @@ class PointResults(Face):
         forces, jumps = self.points.forces[name], self.points.jumps[name]
         return _shaped(self.plan, interface, forces[part]), _shaped(self.plan, interface, jumps[part])
 
-    def _block(self, part: slice) -> Block:
-        """Some of the points."""
-        displacement = self._displacements(part)
+    def _block(self, part: slice, states: Array | None = None) -> Block:
+        """Some of the points; `states` (n, 2, rows, columns) are theirs, where they were not all kept."""
+        displacement = self._displacements(part, states)
 
         def both(name: str) -> tuple[Array, Array]:
             self._check_interface(name)
             if name in self.plan.active:
                 return self._active(name, part)
-            return self._eliminated(name, displacement)
+            return self._eliminated(name, displacement, states is not None)
 
         count = len(range(*part.indices(len(self.points.status))))
         load = partial(load_factors, self.problem, self.times, of=partial(self._load_at, part=part))
         contact, parts = partial(self._contact_at, part=part), self.problem.substructures
         return Block(count, both, displacement, contact, _load=load, _parts=parts)
 
-    def _displacements(self, part: slice) -> Callable[[str, Ints | None], Array]:
+    def _displacements(
+        self, part: slice, states: Array | None = None
+    ) -> Callable[[str, Ints | None], Array]:
         """Part and some of its unknowns -> these (n, [T,] unknowns) at some of the points."""
 
         @cache  # recovered for all parts at once, when first asked for
         def recovered() -> dict[str, Array]:
-            return self._recovered(part)
+            return self._recovered(part, states)
 
         def displacement(name: str, unknowns: Ints | None) -> Array:
-            self._check_part(name)
+            if states is None:
+                self._check_part(name)
             u = recovered()[name]
             return u if unknowns is None else u[..., unknowns]
 
@@ -206,10 +213,11 @@ class PointResults(Face):
         """The points, some at a time."""
         return map(self._block, self._in_parts())
 
-    def _recovered(self, part: slice) -> dict[str, Array]:
+    def _recovered(self, part: slice, states: Array | None = None) -> dict[str, Array]:
         """Part -> unknowns (n, [T,] unknowns) at some of the points; one solve per point."""
-        assert self.points.states is not None  # was asked before
-        states = self.points.states[part]  # (points, 2, rows, columns)
+        if states is None:
+            assert self.points.states is not None  # was asked before
+            states = self.points.states[part]  # (points, 2, rows, columns)
         shape = (2, states.shape[2], len(states) * states.shape[3])
         data, traces = np.moveaxis(states, 0, 2).reshape(shape)
         state = State(np.asfortranarray(data), np.asfortranarray(traces))
@@ -236,14 +244,35 @@ class PointResults(Face):
         number = point_number(index, self.shape)
         if not self.finished.ravel()[number]:
             raise SceneError(f"point: point {index} was not reached, the run was interrupted")
+        return self._point(number)
+
+    def _point(self, number: int, states: Array | None = None) -> OnePoint:
         return OnePoint(
             self,
-            partial(self._block, slice(number, number + 1)),
+            partial(self._block, slice(number, number + 1), states),
             str(self.points.status[number]),
             int(self.points.iterations[number]),
             float(self.error.ravel()[number]),
             str(self.places.ravel()[number]),
+            states is not None,
         )
+
+    def bridged(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """What beams carry of the shear of joints whose slip is asked for, where interfaces move most."""
+        if self.furthest is None:
+            return ()
+        number, one = self.furthest
+        return tuple(f"{text} (at point {number}, which moves most)" for text in bridged(one, joints))
+
+    @cached_property
+    def furthest(self) -> tuple[int, OnePoint] | None:
+        """Number of the point whose interfaces move most, and that point with its displacements, if known."""
+        if self.points.furthest is None or self.problem.comm is not None:
+            return None
+        number, state = self.points.furthest
+        if str(self.points.status[number]) not in ("converged", INEXACT):
+            return None
+        return number, self._point(number, state[None])
 
     def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
         """What a file has of these answers beside what it has of all."""
@@ -331,7 +360,7 @@ class SweepResult(Value, PointResults):
                 return np.asarray(mean + each.values[0, part])
         return mean
 
-    def _contact_at(self, name: str, part: slice) -> ContactValues | None:
+    def _contact_at(self, name: str, part: slice) -> ContactValues | BondValues | None:
         numbers = range(*part.indices(len(self.points.status)))
 
         def swept(fields: Fields) -> Mapping[str, Array]:
@@ -346,7 +375,7 @@ class SweepResult(Value, PointResults):
                     values[each.parameter] = at.reshape(len(at), -1)
             return values
 
-        return law_contact(self.problem, self.plan, name, len(numbers), swept)
+        return law_values(self.problem, self.plan, name, len(numbers), swept)
 
     @property
     def shape(self) -> tuple[int, ...]:

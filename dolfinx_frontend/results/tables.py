@@ -229,7 +229,7 @@ def _kind(column: str) -> str:
     """Kind of a column; a number far below the others of its kind is rounding."""
     if column in ("normal", "shear", "before", "after", "change", "lowest", "highest"):
         return "force"
-    if column in ("slip_use", "slip_share", "slip_safety"):
+    if column in ("slip_use", "slip_share", "slip_safety", "damage", "damaged_share", "broken_share"):
         return "ratio"
     if column == "slip":
         return "length"

@@ -19,7 +19,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_name, checked_names
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.groups import grouped
+from dolfinx_frontend.common.groups import distances, grouped
 from dolfinx_frontend.results.answer import Answer, Surface
 from dolfinx_frontend.sheets.names import by_pattern
 
@@ -167,7 +167,7 @@ def _on_shortest_ways(
     group = {part: k for k, members in enumerate(groups) for part in members}
     links = {name: (group[pairs[name][0]], group[pairs[name][1]]) for name in joints}
     first, last = (group[part] for part in ends)
-    near, far = _distances(links, first), _distances(links, last)
+    near, far = (distances(links.values(), each) for each in (first, last))
     if first == last or last not in near:
         return ()
     ways = {
@@ -180,19 +180,6 @@ def _on_shortest_ways(
     inner = [name for name, pair in ways.items() if first not in pair and last not in pair]
     inner = inner or [name for name in ways if not set(pairs[name]) & set(ends)]
     return tuple(inner or ways)
-
-
-def _distances(links: Mapping[str, tuple[int, int]], start: int) -> dict[int, int]:
-    """Group -> number of joints between it and the first one."""
-    found, border = {start: 0}, [start]
-    while border:
-        here = border.pop(0)
-        for pair in links.values():
-            for a, b in (pair, pair[::-1]):
-                if a == here and b not in found:
-                    found[b] = found[here] + 1
-                    border.append(b)
-    return found
 
 
 def _with_points(

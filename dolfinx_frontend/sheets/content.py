@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from latin_core import STATUSES
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES
 from dolfinx_frontend.results.answer import SAMPLES, Answer, Block
+from dolfinx_frontend.results.readings import Measures
 from dolfinx_frontend.results.saved import ResultFileError
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.sheets.clamping import Bolt
@@ -18,7 +21,7 @@ from dolfinx_frontend.sheets.names import BOLT, MARGINS, SEAL, Name
 from dolfinx_frontend.sheets.numbers import Numbers, margins_in, numbers_of, steps_of
 from dolfinx_frontend.sheets.page import number
 from dolfinx_frontend.sheets.seals import Seal, SealNumbers, seal_margin_in, seal_numbers
-from dolfinx_frontend.sheets.statistics import Known, below, statistics_of
+from dolfinx_frontend.sheets.statistics import Known, below, label, statistics_of
 from dolfinx_frontend.uncertainty.quantities import Estimate
 
 __all__ = ["Content", "Row", "Wanted", "content_of", "margins_of", "status_line"]
@@ -319,9 +322,8 @@ def _apart(one: float, other: float) -> float:
 def _verdicts(content: Content) -> Iterator[tuple[str, bool | None]]:
     """The sentences on top."""
     random = content.answer.statistics in ("random", "qmc")
-    if content.answer.status != "converged":
-        ended = content.answer.status
-        yield f"The run ended as “{ended}”: these numbers are not those of a converged answer.", True
+    answer, wanted = content.answer, content.wanted
+    yield from _ended(content)
     weakest = content.order[0] if content.order else None
     row = None if weakest is None else content.row(weakest, "margin")
     if weakest is not None and row is not None:
@@ -332,9 +334,17 @@ def _verdicts(content: Content) -> Iterator[tuple[str, bool | None]]:
         force = f"{number(lowest.low)} {content.wanted.units['force']}".strip()
         yield f"Lowest bolt force: {weakest}, {force}. No margin can be given, see below.", None
     if random and row is not None and len(content.order) > 1:
-        answer, wanted = content.answer, content.wanted
         chance = _chance(content, lambda b: margins_in(answer, b, wanted.bolts, wanted.friction))
-        yield f"That any bolt opens or slips has the probability {chance}.", None
+        yield f"That a joint opens or slips around any bolt has the probability {chance}.", None
+    joints = list(dict.fromkeys(joint for bolt in content.wanted.bolts for joint in bolt.joints))
+    for joint in joints:
+        whole = _whole(content, joint)
+        if whole is not None and random:
+            chance = _chance(content, _margins_of(content, whole))
+            yield f"That all of “{joint}” is open or at its limit of friction: {chance}.", None
+        yield from _safety(content, joint)
+    for text in content.answer.bridged(joints):
+        yield f"{text[:1].upper()}{text[1:]}.", None
     for seal in content.wanted.seals:
         if seal.name in content.seals:
             yield _of_seal(content, seal, random)
@@ -369,8 +379,60 @@ def _weakest(content: Content, name: str, row: Row) -> tuple[str, bool | None]:
         if answer.kind == "chaos":  # with solved samples
             own = [bolt for bolt in wanted.bolts if bolt.name == name]
             chance = _chance(content, lambda b: margins_in(answer, b, own, wanted.friction))
-        text += f" Probability that it opens or slips: {chance}."
+        around = " around it" if _whole(content, joint) else ""
+        text += f" Probability that “{joint}” opens or slips{around}: {chance}."
     return text, _bad(row, content.limit)
+
+
+def _ended(content: Content) -> Iterator[tuple[str, bool | None]]:
+    """How points ended that did not converge; what slid is an answer, and its margins are used up."""
+    answer = content.answer
+    if answer.status == "converged":
+        return
+    statuses = [str(each) for each in np.ravel(answer.statuses)]  # type: ignore[attr-defined]
+    slid = sum(each in (SLIDES, NO_EQUILIBRIUM) for each in statuses)
+    if slid:
+        what = {"history": "steps", "samples": "samples"}.get(answer.kind, "points")
+        yield (
+            f"In {slid} of {len(statuses)} {what} nothing balances the loads: something slides away, or a "
+            "bond has torn. There the margins are used up, and forces are those that are left.",
+            True,
+        )
+    others = [each for each in statuses if each not in ("converged", SLIDES, NO_EQUILIBRIUM)]
+    if others:
+        ended = max(others, key=STATUSES.index)
+        yield f"The run ended as “{ended}”: these numbers are not those of a converged answer.", True
+
+
+def _safety(content: Content, joint: str) -> Iterator[tuple[str, bool | None]]:
+    """Of a joint that several bolts share, against slip as a whole: by its force and moment."""
+    if _whole(content, joint) is None:
+        return
+    answer, steps = content.answer, steps_of(content.answer, content.wanted.bolts)
+    read: Measures = answer.readings([joint]).interfaces[joint]  # type: ignore[attr-defined]
+    values = read.values.get("slip_safety", np.full(1, np.nan))
+    if steps is not None:
+        values = values[..., steps[0] :].min(axis=-1)
+    if np.isnan(values).any():
+        return
+    level = min(content.wanted.quantiles, default=0.5)
+    lowest = f", {number(float(np.quantile(values, level)))} at {label(level)}" if np.size(values) > 1 else ""
+    middle = number(float(np.median(values)))
+    text = f"“{joint}” as a whole: its friction is {middle} times the force and moment along it"
+    yield f"{text}{' (median' + lowest + ')' if lowest else ''}.", None
+
+
+def _margins_of(content: Content, bolt: Bolt) -> Callable[[Block], Array]:
+    return lambda block: margins_in(content.answer, block, [bolt], content.wanted.friction)
+
+
+def _whole(content: Content, joint: str) -> Bolt | None:
+    """A joint that several bolts share, as if one had all of it; None: it is that of one bolt."""
+    shares = [(bolt, bolt.joints[joint]) for bolt in content.wanted.bolts if joint in bolt.joints]
+    if len(shares) < 2:
+        return None
+    bolt, share = shares[0]
+    return replace(bolt, joints={joint: np.ones_like(share)})
 
 
 def _shown(chance: Estimate) -> str:

@@ -8,6 +8,7 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneWarning, warn
+from dolfinx_frontend.results.contact import DAMAGED
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.scene.materials import modulus_along
 
@@ -19,9 +20,6 @@ CELLS = 3.0
 FALL = 0.05
 """Share of itself by which a load has to fall to be a snap: a crack that goes from point to point makes it
 fall by a few per cent on coarse meshes."""
-
-DAMAGED = 1e-3
-"""Damage that rounding and tolerances do not make."""
 
 
 def check_bonds(result: Result) -> None:

@@ -14,7 +14,8 @@ from dolfinx_frontend.common.errors import SceneError, telling
 from dolfinx_frontend.common.model_limits import LIMITS, beyond
 from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES, STOPPED, UNDECIDED
 from dolfinx_frontend.results.deformation import Deformation, Largest, deformations
-from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.results.point import OnePoint
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.solvers.bonds import check_bonds
 from dolfinx_frontend.solvers.loose import check_bolts
@@ -29,7 +30,8 @@ def check_model(answer: Result | PointResults, what: str = "") -> None:
     Parameters
     ----------
     what
-        One of several points in a message; of these no fields are looked at, which are not kept.
+        One of several points in a message; of these the one whose interfaces move most has its fields looked
+        at.
 
     Warns
     -----
@@ -37,7 +39,13 @@ def check_model(answer: Result | PointResults, what: str = "") -> None:
         Once for each kind in a call of the user's.
     """
     with telling():
-        if isinstance(answer, Result) and not _check_fields(answer):
+        one: Result | OnePoint | None = None
+        if isinstance(answer, Result):
+            one, which = answer, ""
+        elif answer.furthest is not None:
+            number, one = answer.furthest
+            which = f", {what} {number}"
+        if one is not None and not _check_fields(one, which):
             return  # everything else follows from a wrong unit
         check_bolts(answer, what)
         if isinstance(answer, Result):
@@ -45,7 +53,7 @@ def check_model(answer: Result | PointResults, what: str = "") -> None:
         check_sliding(answer, what)
 
 
-def _check_fields(result: Result) -> bool:
+def _check_fields(result: Result | OnePoint, which: str) -> bool:
     """Whether displacements, strains and stresses are of a size that a wrong unit does not make."""
     known = ~np.isin(result.statuses, (NO_EQUILIBRIUM, SLIDES, UNDECIDED, *STOPPED))
     with np.errstate(over="ignore", invalid="ignore"):  # of loads whose squares are no numbers
@@ -61,26 +69,30 @@ def _check_fields(result: Result) -> bool:
         cause = _unit(result.problem, part, size) or "a unit, or a part that hardly anything holds?"
         beyond(
             f"displacement {moved.value / size:.3g} times the assembly ({moved.value:.3g} of {size:.3g}), "
-            f"{_at(result, part, moved)}: {cause}",
+            f"{_at(result, part, moved, which)}: {cause}",
             "displacement",
         )
         return False
     if moved.value > LIMITS.displacement * size:
         beyond(
             f"displacement {moved.value:.3g} is {moved.value / size:.2g} of the size of the assembly, "
-            f"{_at(result, part, moved)}: loads act on the shape before; less load, more support, or a "
-            "program for large displacements",
+            f"{_at(result, part, moved, which)}: loads act on the shape before; less load, more support, or "
+            "a program for large displacements",
             "displacement",
         )
-    _check_cells(result, found)
-    _check_yield(result, found, known)
+    _check_cells(result, found, which)
+    _check_yield(result, found, known, which)
     return True
 
 
-def _deformed(result: Result, known: Flags) -> Iterator[tuple[str, Deformation]]:
+def _deformed(result: Result | OnePoint, known: Flags) -> Iterator[tuple[str, Deformation]]:
     """Of the parts of this rank that have a mesh here; of none where recovering the fields takes too long."""
     problem = result.problem
-    parts = {n: s for n, s in problem.substructures.items() if n not in problem.spread and not frames_of(s)}
+    parts = {
+        name: part
+        for name, part in problem.substructures.items()
+        if name not in problem.spread and not frames_of(part) and part.part is not None
+    }
     numbers = len(known) * sum(len(s.load) for s in problem.substructures.values())
     if not parts or not known.any() or numbers > LIMITS.numbers:
         return
@@ -99,10 +111,10 @@ def _size(problem: Problem) -> float:
     return float(np.linalg.norm(high - low))
 
 
-def _at(result: Result, part: str, largest: Largest) -> str:
+def _at(result: Result | OnePoint, part: str, largest: Largest, which: str) -> str:
     where = ", ".join(f"{x:.4g}" for x in largest.place)
-    when = f", t = {result.times[largest.step]:g}" if isinstance(result, HistoryResult) else ""
-    return f"part {part!r} at ({where}){when}"
+    when = f", t = {result.times[largest.step]:g}" if result.times is not None else ""
+    return f"part {part!r} at ({where}){when}{which}"
 
 
 def _unit(problem: Problem, part: str, size: float) -> str:
@@ -124,25 +136,25 @@ def _modulus(problem: Problem, part: str) -> float:
     return known.modulus if known.E is None else known.E
 
 
-def _check_cells(result: Result, found: Mapping[str, Deformation]) -> None:
+def _check_cells(result: Result | OnePoint, found: Mapping[str, Deformation], which: str) -> None:
     """Strains that are too large, or none at all, and rotations."""
     part = max(found, key=lambda name: found[name].rotation.value)
     turned = found[part].rotation
     if np.degrees(turned.value) > LIMITS.rotation:
         beyond(
-            f"rotation by {np.degrees(turned.value):.3g} degrees, {_at(result, part, turned)}: rotations are "
-            f"those of small motions, up to {LIMITS.rotation:g} degrees; hold the part, or take a "
-            "program for large displacements",
+            f"rotation by {np.degrees(turned.value):.3g} degrees, {_at(result, part, turned, which)}: "
+            f"rotations are those of small motions, up to {LIMITS.rotation:g} degrees; hold the part, or "
+            "take a program for large displacements",
             "rotation",
         )
     part = max(found, key=lambda name: found[name].strain.value)
     strain, modulus = found[part].strain, _modulus(result.problem, part)
     if strain.value > LIMITS.strain:
         beyond(
-            f"strain {strain.value:.2g}, {_at(result, part, strain)}, more than {LIMITS.strain:.0%}: with "
-            f"E = {modulus:.3g} that is a stress of {modulus * strain.value:.3g}, and what is linear here is "
-            "off by about as much; a soft layer, a part that would yield, or a load or a modulus in another "
-            "unit",
+            f"strain {strain.value:.2g}, {_at(result, part, strain, which)}, more than "
+            f"{LIMITS.strain:.0%}: with E = {modulus:.3g} that is a stress of {modulus * strain.value:.3g}, "
+            "and what is linear here is off by about as much; a soft layer, a part that would yield, or a "
+            "load or a modulus in another unit",
             "strain",
         )
     soft, stiff = LIMITS.moduli
@@ -156,7 +168,9 @@ def _check_cells(result: Result, found: Mapping[str, Deformation]) -> None:
         )
 
 
-def _check_yield(result: Result, found: Mapping[str, Deformation], known: Flags) -> None:
+def _check_yield(
+    result: Result | OnePoint, found: Mapping[str, Deformation], known: Flags, which: str
+) -> None:
     """Stresses above the yield stress of a material that has one, at the last step and the most strained."""
     worst: tuple[float, str] = (1.0, "")
     for name, each in found.items():
@@ -175,7 +189,7 @@ def _check_yield(result: Result, found: Mapping[str, Deformation], known: Flags)
                 place = Largest(0.0, step, _centre(result, name, cell))
                 worst = use, (
                     f"von Mises stress {of_cells[cell]:.4g} above the yield stress {limit:g}, "
-                    f"{_at(result, name, place)}, and in {np.mean(of_cells > limit):.2g} of its cells"
+                    f"{_at(result, name, place, which)}, and in {np.mean(of_cells > limit):.2g} of its cells"
                 )
     if worst[1]:
         beyond(
@@ -185,7 +199,7 @@ def _check_yield(result: Result, found: Mapping[str, Deformation], known: Flags)
         )
 
 
-def _centre(result: Result, part: str, cell: int) -> Array:
+def _centre(result: Result | OnePoint, part: str, cell: int) -> Array:
     here = result.problem.substructures[part]
     places: Array = here.dof_coordinates[np.asarray(here.space.dofmap.list)[cell]].mean(axis=0)
     return places

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneWarning, warn
+from dolfinx_frontend.common.model_limits import LIMITS
 from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES, STOPPED, UNDECIDED
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.sweep import PointResults
 
 __all__ = ["check_sliding"]
-
-OF_FACE = 0.05
-"""Share of a face that its points may slide along: pressures are where the faces were."""
 
 
 def check_sliding(answer: Result | PointResults, what: str = "") -> None:
@@ -45,7 +41,7 @@ def check_sliding(answer: Result | PointResults, what: str = "") -> None:
         jump = np.where(known[..., None, None], np.reshape(answer.jump(name), shape), 0.0)
         presses = np.reshape(answer.force(name), shape)[..., 0] < 0.0
         slip = np.linalg.norm(jump[..., 1:], axis=-1) * presses
-        limit = reach(interface)
+        limit = interface.reach
         length = min(problem.parts[side.substructure].length for side in interface.sides)
         far = np.linalg.norm(jump, axis=-1) / length
         slid = slip / limit
@@ -59,15 +55,10 @@ def check_sliding(answer: Result | PointResults, what: str = "") -> None:
         slides = slid[point, step, place] >= far[point, step, place]
         if slides:
             text = f"its faces slide by {slip[point, step, place]:.3g}{when} at ({where}), further than "
-            text += f"{limit[place]:.3g}, a facet or {OF_FACE:.0%} of the face: pressures stay where it was"
+            text += f"{limit[place]:.3g}, a facet or {LIMITS.sliding:.0%} of the face: pressures stay where "
+            text += "it was"
         else:
             text = f"its faces move by {by:.3g}{when} at ({where}) from each other, further than a part is "
             text += "large: contacts and rotations are those of small motions"
         text += "; place the parts where they come to lie, or hold what moves"
         warn(f"interface {name!r}: {text}", SceneWarning, f"{name} slides" if slides else "displacement")
-
-
-def reach(interface: Interface) -> Array:
-    """(m,), length: how far each point may slide."""
-    face = float(np.linalg.norm(np.ptp(interface.points, axis=0)))
-    return np.minimum(interface.cell_sizes, OF_FACE * face if face > 0.0 else np.inf)

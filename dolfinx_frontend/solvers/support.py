@@ -46,6 +46,7 @@ from dolfinx_frontend.common.deferred import optimize
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
 from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES, UNDECIDED, UNDETERMINED
 from dolfinx_frontend.plan.prescribed import check_prescribed, moments_of, spanning
+from dolfinx_frontend.results.accuracy import stronger
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.surfaces import law_contact
@@ -438,6 +439,7 @@ def _check_slip(
     size: float,
     reached: Mapping[str, Array],
     when: str,
+    advice: str,
 ) -> bool:
     """Warn if friction, with the normal forces reached, does not balance the loads."""
     bounded = {}
@@ -452,7 +454,7 @@ def _check_slip(
     warn(
         f"{who} has lost its support{when}: with the normal forces that the iteration has reached, "
         f"friction does not balance the loads, which move it by {how}: {events}; "
-        f"raise preload or friction, or {_MEND}",
+        f"{advice}or {_MEND}",
         SceneWarning,
     )
     return True
@@ -624,7 +626,8 @@ def check_support(result: Result, support: Support) -> bool:
             when, balance = steps[k][0], each.balance
             reached = {name: found[k] for name, found in answers.items()}
             pushed = {name: one.force for name, one in reached.items()}
-            if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when):
+            advice = stronger(each.law for each in problem.interfaces.values())
+            if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when, advice):
                 return True
             loads = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
             loaded = loads or bool(support.released)

@@ -473,6 +473,7 @@ def warn_unconverged(what: str, point: int, summary: Summary, solver: Solver, rt
         plan = solver.plan
         accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
         place = "" if accuracy is None else accuracy.place
-        text = ended(summary.status, summary.error, place, rtol, summary.iterations)
+        laws = [each.law for each in solver.problem.interfaces.values()]
+        text = ended(summary.status, summary.error, place, rtol, summary.iterations, laws)
         if solver.problem.rank == 0:
             _log.warning("%s %d ended as %s", what, point, text)

@@ -261,9 +261,22 @@ std::shared_ptr<Structure> make_structure(py::handle bodies, py::handle interfac
   auto all_bodies = to_values<BodyDescription>(bodies, "bodies", "Body");
   auto all_interfaces = to_values<InterfaceDescription>(interfaces, "interfaces", "Interface");
   const latin::Communicator ranks = to_communicator(comm);
+  const bool alone = ranks.alone();
   const py::gil_scoped_release release;
-  return std::make_shared<Structure>(std::move(all_bodies), std::move(all_interfaces), options,
-                                     ranks, before.get());
+  latin::Interruptible ending([alone] {
+    const py::gil_scoped_acquire gil;
+    if (alone && PyErr_CheckSignals() != 0) {
+      throw py::error_already_set();
+    }
+    return false;
+  });
+  try {
+    return std::make_shared<Structure>(std::move(all_bodies), std::move(all_interfaces), options,
+                                       ranks, before.get());
+  } catch (const latin::Interrupted&) {
+    ending.pass_on();
+    throw;
+  }
 }
 
 py::dict cost_of(const Body& body) {
@@ -525,7 +538,7 @@ void interruptible(Call&& call) {
     std::forward<Call>(call)();
   } catch (const py::error_already_set& error) {
     if (error.matches(PyExc_StopIteration)) {
-      throw latin::iteration::Interrupted();
+      throw latin::Interrupted();
     }
     throw;
   }

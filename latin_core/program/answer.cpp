@@ -211,7 +211,7 @@ struct Points {
       return;
     }
     if (finished_ == 0) {
-      throw iteration::Interrupted();
+      throw Interrupted();
     }
     outcome.status = std::max(outcome.status, ended);
     for (const Index point : order) {

@@ -190,7 +190,7 @@ Code run(const std::vector<std::string>& arguments, const latin::Communicator& c
   }
   const auto watch = [](const latin::iteration::Iteration&) {
     if (signalled != 0) {
-      throw latin::iteration::Interrupted();
+      throw latin::Interrupted();
     }
   };
   if (!communicator.alone()) {
@@ -227,7 +227,7 @@ std::pair<Code, std::string> failure_of(const std::exception_ptr& thrown) {
   } catch (const std::bad_alloc&) {
     return {out_of_limits,
             "there is not enough memory: run it on more ranks, or make the problem smaller"};
-  } catch (const latin::iteration::Interrupted&) {
+  } catch (const latin::Interrupted&) {
     return signalled != 0
                ? std::pair{ended_by_user, std::string("interrupted before there was an answer")}
                : std::pair{out_of_limits,

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import logging
 import re
+import signal
 import subprocess
 import sys
 import time
+import traceback
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 import dolfinx_frontend as lf
-from dolfinx_frontend.common import progress
+from dolfinx_frontend.common import progress, tracebacks
 from dolfinx_frontend.common.progress import Bar
 
 SCRIPT = """import dolfinx_frontend as lf
@@ -61,6 +64,87 @@ def test_a_refusal_ends_at_the_line_of_the_script(tmp_path: Path, setting: str, 
     assert "did you mean 'bar'" in lines[-1]
     assert any('scene.fix("baar:x0")' in line for line in lines)
     assert any("dolfinx_frontend/scene" in line for line in lines) == inside
+
+
+TERMINATED = """
+import os, signal, threading, time
+import dolfinx_frontend as lf
+
+def caught():
+    line = next(line for line in open("/proc/self/status") if line.startswith("SigCgt"))
+    return int(line.split()[1], 16) >> signal.SIGTERM - 1 & 1
+
+def terminate():
+    signal.pthread_sigmask(signal.SIG_BLOCK, {{signal.SIGTERM}})
+    while not caught() and not over:
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+scene, over = lf.Scene(), []
+cube = lf.geometry.box((1.0, 1.0, 1.0), ({0}, {0}, {0}), cell="hexahedron")
+scene.substructure("cube", cube, lf.LinearElastic(1e3, 0.3))
+scene.fix("cube:x0")
+scene.traction("cube:x1", (1.0, 0.0, 0.0))
+scene.interface("spring", "cube:y1", lf.Elastic(normal=1.0, tangential=1.0))
+problem = lf.assemble(scene)
+threading.Thread(target=terminate, daemon=True).start()
+lf.solve(problem, active=["spring"])
+over.append(True)
+time.sleep(0.2)
+print("lost")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_sigterm_is_not_lost_while_unknowns_are_ordered(tmp_path: Path) -> None:
+    """METIS takes it for a failure of its own."""
+    script = tmp_path / "script.py"
+    script.write_text(TERMINATED.format(6))
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGTERM, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_shell_is_asked_to_show_what_is_of_the_user(monkeypatch: pytest.MonkeyPatch, whole: bool) -> None:
+    """As IPython calls its handlers."""
+    shown: list[Any] = []
+    handlers: dict[type, Any] = {}
+    shell = SimpleNamespace(
+        set_custom_exc=lambda kinds, handler: handlers.update(dict.fromkeys(kinds, handler)),
+        showtraceback=shown.append,
+    )
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    tracebacks.install()
+    lf.debug(whole)
+    try:
+        lf.Scene().fix("baar:x0")
+    except lf.SceneError as error:
+        handlers[lf.SceneError](shell, type(error), error, error.__traceback__, tb_offset=1)
+    finally:
+        lf.debug(False)
+    [(kind, error, trace)] = shown
+    frames = [frame.f_code.co_filename for frame, _ in traceback.walk_tb(trace)]
+    assert kind is lf.SceneError and "unknown substructure 'baar'" in str(error)
+    assert frames[0] == __file__ and ("dolfinx_frontend" in frames[-1]) == whole
+
+
+IN_IPYTHON = """
+from IPython.core.interactiveshell import InteractiveShell
+shell = InteractiveShell.instance(colors="NoColor")
+shell.run_cell("import dolfinx_frontend as lf")
+shell.run_cell("lf.Scene().fix('baar:x0')")
+shell.run_cell("lf.debug(True); lf.Scene().fix('baar:x0')")
+"""
+
+
+def test_ipython_shows_the_cell_and_one_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("IPython")
+    script = tmp_path / "script.py"
+    script.write_text(IN_IPYTHON)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    short, whole = (done.stdout + done.stderr).split("SceneError  ")[1:]
+    assert "unknown substructure 'baar'" in short and "line 1" in short
+    assert "run_code" not in short and "scene.py" not in short and "scene.py" in whole
 
 
 def joined(**settings: Any) -> Any:

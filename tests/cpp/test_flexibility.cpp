@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "chain.hpp"
+#include "latin/common/interrupt.hpp"
 
 namespace latin::substructure {
 
@@ -27,6 +28,21 @@ TEST(Flexibility, InvertsTheGlobalStage) {
   global.apply(inverse, Matrix::Zero(1, 2), traces);
   const Matrix back = (1.0 + mu) * inverse - structure.directions().asDiagonal() * traces;
   EXPECT_LT((back - v).norm(), 1e-5 * v.norm());  // rounding of a rigid motion over mu
+}
+
+TEST(Flexibility, IsGivenUpAndMadeAgain) {
+  const Laws laws = chain::Scene{}.build();
+  const Structure& structure = laws.structure();
+  if (!structure.has_flexibility()) {
+    GTEST_SKIP() << "the backend does not condense";
+  }
+  {
+    Interruptible ending([] { return true; });
+    while (!ending.ends()) {
+    }
+    EXPECT_THROW(static_cast<void>(structure.flexibility()), Interrupted);
+  }
+  EXPECT_EQ(structure.flexibility().unknowns(), 2);
 }
 
 TEST(Flexibility, SpreadsForcesAndGathersJumps) {

@@ -151,7 +151,7 @@ TEST(Solver, CallbackMayAskForWhatIsDoneSoFar) {
   State state;
   const auto summary = run(laws, state, options, [](const latin::iteration::Iteration& iteration) {
     if (iteration.number == 3) {
-      throw latin::iteration::Interrupted();
+      throw latin::Interrupted();
     }
   });
   EXPECT_EQ(summary.status, Status::interrupted);

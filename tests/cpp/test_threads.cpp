@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "latin/common/interrupt.hpp"
 #include "threads.hpp"
 
 namespace {
@@ -40,6 +41,40 @@ TEST(Threads, EveryPieceIsDoneOnceByOneThreadAtATime) {
     EXPECT_FALSE(shared);
     EXPECT_EQ(done, std::vector<int>(500, 20));
   }
+}
+
+/// Piece 0 is over at once, the others when they are told.
+TEST(Threads, LongWorkEndsInAllLanes) {
+  for (const int threads : {1, 3}) {
+    const Threads some(threads);
+    std::atomic<int> ended{0};
+    const auto asking = std::this_thread::get_id();
+    latin::Interruptible ending([&] {
+      EXPECT_EQ(std::this_thread::get_id(), asking);
+      return true;
+    });
+    EXPECT_THROW(latin::in_lanes(3, large,
+                                 [&](std::size_t piece) {
+                                   while (piece > 0) {
+                                     try {
+                                       latin::stop_if_wanted();
+                                     } catch (const latin::Interrupted&) {
+                                       ++ended;
+                                       throw;
+                                     }
+                                   }
+                                 }),
+                 latin::Interrupted);
+    EXPECT_EQ(ended, threads == 1 ? 1 : 2);  // one thread stops at the first
+  }
+  latin::stop_if_wanted();  // nobody is asked any more
+}
+
+TEST(Threads, WhatTheQuestionThrowsIsPassedOn) {
+  latin::Interruptible ending([]() -> bool { throw std::runtime_error("pressed twice"); });
+  ending.pass_on();
+  EXPECT_THROW(for (;;) { latin::stop_if_wanted(); }, latin::Interrupted);
+  EXPECT_THROW(ending.pass_on(), std::runtime_error);
 }
 
 TEST(Threads, LittleWorkStaysWithTheCaller) {

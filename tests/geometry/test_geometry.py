@@ -442,3 +442,22 @@ def test_names_that_no_file_of_gmsh_has(tmp_path: Path) -> None:
         with pytest.raises(SceneError, match="rename"):
             geometry.write_msh(tmp_path / "x.msh", {name: part})
     assert not (tmp_path / "x.msh").exists()
+
+
+def test_a_face_is_cut_out_of_another_one() -> None:
+    """A washer of 20 x 10 on a plate: what is left of its face, and both loads."""
+    plate = geometry.box((40.0, 30.0, 5.0), (8, 6, 1))
+    cut = plate.with_face("washer", lambda x: (np.abs(x[0] - 20) < 10.1) & (np.abs(x[1] - 15) < 5.1), of="z1")
+    assert cut.faces == (*plate.faces, "washer")
+    assert cut.face_area("washer") == pytest.approx(200.0) and cut.face_area("z1") == pytest.approx(1000.0)
+    assert plate.face_area("z1") == pytest.approx(1200.0) and cut.face_area("z0") == pytest.approx(1200.0)
+    whole = plate.with_face("rim", lambda x: x[0] < 1e-9)
+    assert "x0" not in whole.faces and whole.face_area("rim") == pytest.approx(150.0)
+    for name, where, of, text in (
+        ("z0", lambda x: x[0] < 9, "z1", "in use"),
+        ("pin", lambda x: x[0] < 1, "z1", "no facet of face 'z1' has all its corners"),
+        ("pin", lambda x: x[0] < 9, "top", "unknown face 'top'"),
+        ("pin", "x < 1", "z1", "give a function of coordinates"),
+    ):
+        with pytest.raises(SceneError, match=text):
+            plate.with_face(name, where, of)

@@ -235,6 +235,7 @@ def resume(file: Path) -> None:
 
 if __name__ == "__main__":
     warnings.simplefilter("error")
+    warnings.filterwarnings("ignore", "beyond the model: strain")  # of 2 % here
     faulthandler.dump_traceback_later(100, exit=True)
     given = [Path(each) for each in sys.argv[2:]]
     {f.__name__: f for f in (same, function, groups, stop, refuse, kill, resume)}[sys.argv[1]](*given)

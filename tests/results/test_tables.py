@@ -687,3 +687,47 @@ def test_safety_against_slip_counts_forces_and_moments() -> None:
     corner = np.concatenate([some, some[:, ::-1] + [5.0, 0.0, 0.0], some[:, [0, 2, 1]] + [0.0, 5.0, 0.0]])
     normals = np.repeat([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], 36, axis=0)
     assert np.isnan(safety(face(corner, normals), np.zeros((108, 3))))  # three planes hold each other
+
+
+def torn(strength: Any, pull: float = 0.0) -> lf.Problem:
+    """Two blocks whose bond is opened by an end that moves by 0.05 and back to 0.02, or by a traction."""
+    scene = two_blocks(lf.Debonding(normal=1e3, tangential=4e2, strength=strength, energy=0.5))
+    if pull:
+        scene.traction("right:x1", lf.Amplitude([0.0, 1.0], [0.0, 1.0]) * (pull, 0.0, 0.0))
+    else:
+        scene.fix("right:x1", lf.Amplitude([0.0, 1.0, 2.0], [0.0, 0.05, 0.02]) * (1.0, 0.3, 0.0), name="end")
+    return assemble(scene)
+
+
+def test_damage_of_a_bond_is_that_of_its_largest_jump() -> None:
+    """When it is unloaded it stays."""
+    problem = torn(10.0)
+    result = solve(problem, times=[0.5, 1.0, 2.0], options=TIGHT, progress=False)
+    table = result.table("joint", step=None)
+    joint = problem.interfaces["joint"]
+    each = [joint.law.damage(joint, jump) for jump in result.jump("joint")]
+    expected = np.maximum.accumulate([d.max() for d in each])
+    assert table["damage"] == pytest.approx(expected, abs=1e-6) and expected[1] == expected[2] > 0.5
+    broken = [np.mean(d > 1e-3) for d in each]
+    assert table["damaged_share"][:2] == pytest.approx(broken[:2], abs=1e-9)
+    assert np.all(table["broken_share"] == 0.0)
+
+
+def test_damage_of_samples_is_that_of_their_own_bond() -> None:
+    strength = lf.Uniform("s", 8.0, 12.0)
+    problem = torn(strength)
+    samples = lf.monte_carlo(problem, 5, seed=1, times=[1.0, 2.0], options=TIGHT, progress=False)
+    found = samples.quantity("joint.damage").values
+    for k, each in enumerate(10.0 + 2.0 * samples.germs[:, 0]):  # uniform on [-1, 1]
+        one = solve(torn(float(each)), times=[1.0, 2.0], options=TIGHT, progress=False)
+        assert found[k] == pytest.approx(one.table("joint").value("damage", "joint"), abs=1e-5)
+    assert "damage" in str(samples.table("joint"))
+
+
+def test_a_bond_that_is_torn_off_is_told_to_be_stronger() -> None:
+    """No preload and no friction is there to be raised."""
+    result = solve(torn(10.0, pull=15.0), times=[0.5, 1.0], progress=False)
+    assert result.status == "slides"
+    assert result.table("joint").value("broken_share", "joint") == pytest.approx(1.0)
+    assert "raise the strength of the bond" in result.ended and "preload" not in result.ended
+    assert "preload" not in str(result.table())

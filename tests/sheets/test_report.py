@@ -389,3 +389,46 @@ def test_heat_has_no_load_factor() -> None:
     assert result.bolts().value("change", "bolt.axial") > 4e3  # 4e5 x 0.024 is 9.6e3 of a stiff sleeve
     assert any("by heat or bending" in text for text in sheet.left_out)
     refused(lambda: sheet.value("bolt", "Phi"), "Phi")
+
+
+def test_a_joint_of_two_bolts_has_a_probability_of_its_own() -> None:
+    """A load at the edge: friction is used up around one bolt before it is around the other."""
+    later = lf.Amplitude([1, 2], [0, 1])
+    scene = lf.Scene()
+    for k, name in enumerate(("low", "top")):
+        plate = lf.geometry.box((40.0, 10.0), (8, 2), origin=(0.0, 10.0 * k))
+        for n, x in enumerate((5.0, 35.0)):
+            plate = plate.with_face(f"bolt {n}", lambda p, x=x: np.abs(p[0] - x) < 5.1, of=f"y{k}")
+        scene.substructure(name, plate, lf.LinearElastic(E=2e3, nu=0.0), degree=1)
+    scene.interface("joint", "low:y1", "top:y0", lf.Contact(friction=lf.Uniform("mu", 0.1, 0.3)))
+    for k in range(2):
+        soft = lf.BoltStiffness(axial=1e3, bending=1.0, torsion=1.0)
+        scene.beam(f"bolt {k}", f"low:bolt {k}", f"top:bolt {k}", soft, lf.Preload(500.0, until=1.0))
+    scene.fix("low:y0")
+    scene.traction("top:x1", later * (10.0, 0.0))
+    answer = lf.quasi_monte_carlo(lf.assemble(scene), 16, times=[1.0, 2.0], progress=False)
+    said = " ".join(lf.report(answer, errors=False, pictures=False).sentences)
+    assert "opens or slips around it" in said and "all of “joint” is open or at its limit of friction" in said
+    safety = answer.quantity("joint.slip_safety").values
+    shown = re.search(r"its friction is ([\d.]+) times .* \(median, ([\d.]+) at 5 %\)", said)
+    assert shown is not None and float(shown[1]) == pytest.approx(np.median(safety), rel=1e-3)
+    assert float(shown[2]) == pytest.approx(np.quantile(safety, 0.05), rel=1e-3)
+
+
+def test_samples_that_slide_are_answers() -> None:
+    """A block of friction 0.3 to 0.5 on its bed, drawn by 0.4 of what presses it."""
+    later = lf.Amplitude([1, 2], [0, 1])
+    scene = lf.Scene()
+    for k, name in enumerate(("bed", "block")):
+        part = lf.geometry.box((10.0, 10.0), (2, 2), origin=(0.0, 10.0 * k))
+        scene.substructure(name, part, lf.LinearElastic(E=2e3, nu=0.0), degree=1)
+    scene.interface("joint", "bed:y1", "block:y0", lf.Contact(friction=lf.Uniform("mu", 0.3, 0.5)))
+    scene.fix("bed:y0")
+    scene.traction("block:y1", (0.0, -10.0), name="press")
+    scene.traction("block:y1", later * (4.0, 0.0), name="draw")
+    germs = np.array([[-0.5], [0.5], [0.8]])
+    answer = lf.sample(lf.assemble(scene), germs, times=[1.0, 2.0], progress=False)
+    assert answer.status in ("slides", "no_equilibrium")
+    sheet = lf.report(answer, errors=False, pictures=False)
+    assert sheet.sentences[0].startswith("In 1 of 3 samples nothing balances the loads")
+    assert not any("converged answer" in each for each in sheet.sentences)

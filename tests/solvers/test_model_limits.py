@@ -160,6 +160,32 @@ def test_samples_that_tighten_with_a_negative_force_are_counted() -> None:
     assert "'bolt': 2 of 4 samples tighten the bolt with a negative force (the least -60)" in texts[0]
 
 
+def soft(E: Any) -> lf.Problem:
+    """A bar whose end is pulled through a spring by 210 MPa."""
+    scene = lf.Scene()
+    scene.substructure("bar", lf.geometry.box((100.0, 10.0), (10, 2)), lf.LinearElastic(E, 0.0))
+    scene.fix("bar:x0")
+    scene.interface("side", "bar:y0", lf.Elastic(normal=1e-3))
+    scene.traction("bar:x1", (210.0, 0.0))
+    return lf.assemble(scene)
+
+
+def test_of_samples_the_one_that_moves_most_is_looked_at() -> None:
+    """A strain of 210 / E: beyond 1 % where E is below 21 000."""
+    problem = soft(lf.Uniform("E", 15e3, 45e3))
+    germs = np.array([[0.5], [-0.9], [-0.5], [0.9]])  # 37 500, 16 500, 22 500, 43 500
+    [text] = said(lambda: lf.sample(problem, germs, progress=False))
+    assert "strain 0.013, part 'bar' at (" in text and "sample 1" in text
+    assert said(lambda: lf.sample(problem, germs[[0, 3]], progress=False)) == []
+
+
+def test_of_a_sweep_too() -> None:
+    """Where a mistake of units is named."""
+    problem = soft(0.21)
+    [text] = said(lambda: lf.sweep(problem, {"side.normal": [1e-9, 2e-9]}, progress=False))
+    assert "E in GPa?" in text and "sweep point" in text
+
+
 def test_a_warning_is_given_once_in_a_call() -> None:
     """accuracy= solves many times."""
     texts = said(lambda: lf.solve(bar(0.02), accuracy=0.1, quantity="energy"))

@@ -24,6 +24,7 @@ _PILOTS, _PILOTS_OF_SAMPLES = 4, 16
 """Points that all ranks solve first; the scatter of samples is that of these."""
 _CHECKED, _CHECKED_BYTES = 256, 64e6
 """Points, and bytes of their states, that are checked together."""
+_ANSWERS = ("converged", "inexact")
 _log = logging.getLogger(__name__)
 Array = npt.NDArray[np.float64]
 
@@ -106,6 +107,9 @@ class SweepPoints:
         Of samples: scatter of the body, relative to its size, whose errors are the largest relative to it.
     missed
         points of this run, of all ranks, that a check has refused: they are not kept.
+    furthest
+        Of the points with an answer that this rank has solved or read, the one whose interfaces move most,
+        and its s and w (2, rows, columns); None: there is none.
     """
 
     iterations: npt.NDArray[np.int64]
@@ -122,6 +126,16 @@ class SweepPoints:
     largest: Array = field(default_factory=lambda: np.zeros(0))
     scatter: float = 1.0
     missed: list[int] = field(default_factory=list)
+    furthest: tuple[int, Array] | None = None
+
+    def note(self, point: int, status: str, data: Array, traces: Array) -> None:
+        """Keep the state of a point if it is the furthest so far."""
+        moves = float(np.abs(traces).max(initial=0.0))
+        least = -1.0 if self.furthest is None else float(np.abs(self.furthest[1][1]).max(initial=0.0))
+        if status in _ANSWERS and np.isfinite(moves) and moves > least:
+            state = np.array([data, traces])
+            state.flags.writeable = False
+            self.furthest = point, state
 
     def __repr__(self) -> str:
         reached = self.iterations >= 0
@@ -191,6 +205,7 @@ class _Keeper:
         arrays["error"] += more
         self.keep(point, arrays)
         self.result.scatter = summary.scatter
+        self.result.note(point, summary.status, state.data, state.traces)
         if self.result.states is not None:
             self.result.states[point] = state.data, state.traces
         self.result.histories[point] = summary.history
@@ -245,6 +260,7 @@ class _Keeper:
                 if converged and not all(np.isfinite(arrays[name]).all() for name in ("data", "traces")):
                     raise edited(file.path, number, "it is converged, and its state is not finite")
             if converged:
+                self.result.note(number, "converged", arrays["data"], arrays["traces"])
                 yield number, _core.State(arrays["data"], arrays["traces"])
 
     def _layout(self, shapes: Mapping[str, Shape]) -> dict[str, tuple[str, Shape | None]]:

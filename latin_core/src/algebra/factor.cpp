@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <csignal>
 #include <cstdint>
 #include <functional>
 #include <initializer_list>
@@ -11,6 +12,7 @@
 #include <mutex>
 #include <new>
 #include <numeric>
+#include <optional>
 #include <random>
 #include <unordered_map>
 #include <vector>
@@ -190,6 +192,25 @@ cholmod_sparse view(SparseColumns& upper) {
   return matrix;
 }
 
+/// METIS takes SIGTERM for a failure of its own, and it would be lost: it waits for the end of this.
+class TerminationWaits {
+ public:
+  TerminationWaits() {
+    sigset_t one;
+    sigemptyset(&one);
+    sigaddset(&one, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, &one, &before_);
+  }
+  ~TerminationWaits() { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
+  TerminationWaits(const TerminationWaits&) = delete;
+  TerminationWaits& operator=(const TerminationWaits&) = delete;
+  TerminationWaits(TerminationWaits&&) = delete;
+  TerminationWaits& operator=(TerminationWaits&&) = delete;
+
+ private:
+  sigset_t before_{};
+};
+
 /// The interior unknowns in order of minimum degree, or of nested dissection where that must save more
 /// than it costs, then the trailing ones in their given order.
 std::vector<int> interior_first(const SparseRows& lower, Index trailing, const std::string& name) {
@@ -238,7 +259,9 @@ std::vector<int> interior_first(const SparseRows& lower, Index trailing, const s
     common->method[0].ordering = CHOLMOD_METIS;
     static std::mutex metis;  // it draws from the C library's one random number generator
     std::unique_lock lock(metis);
+    std::optional<TerminationWaits> waits(std::in_place);
     const auto analysis = common.own(cholmod_analyze(&of_inner, common.get()));
+    waits.reset();
     lock.unlock();
     if (analysis != nullptr) {
       place(inner, static_cast<const int*>(analysis->Perm));

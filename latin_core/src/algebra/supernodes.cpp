@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "latin/algebra/lapack.hpp"
+#include "latin/common/interrupt.hpp"
 #include "latin/common/threads.hpp"
 
 namespace latin::algebra {
@@ -221,6 +222,7 @@ class LeftLooking {
       next_[d] = std::exchange(first_[s], static_cast<std::int64_t>(d));
     };
     for (const std::size_t s : tree) {
+      stop_if_wanted();
       assemble(s, work.place);
       for (std::int64_t d = first_[s]; d != nobody;) {
         const auto source = static_cast<std::size_t>(d);

@@ -5,10 +5,12 @@
 #endif
 
 #include <unistd.h>
+#include <csignal>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <cstdint>
@@ -18,6 +20,8 @@
 #include <system_error>
 #include <thread>
 #include <utility>
+
+#include "latin/common/interrupt.hpp"
 
 // of whichever BLAS and OpenMP are there; null where they are not
 extern "C" {
@@ -32,6 +36,14 @@ namespace {
 
 /// Work on fewer numbers takes less time than waking a thread does.
 constexpr double least_shared = 2e5;
+
+constexpr std::chrono::milliseconds between_questions{200};
+
+/// Of this thread, and whether it has made it.
+// NOLINTBEGIN(cppcoreguidelines-avoid-non-const-global-variables)
+thread_local Interruptible* innermost = nullptr;
+thread_local bool owns = false;
+// NOLINTEND(cppcoreguidelines-avoid-non-const-global-variables)
 
 /// Bytes, one a core: 1 where this process may run.
 std::array<unsigned char, 1024> own_cores() {
@@ -118,13 +130,20 @@ class Team {
       failure_ = nullptr;
       first_failed_ = count;
       wanted_ = threads;
+      ends_with_ = Interruptible::of_thread();
       ++round_;
     }
     wake_.notify_all();
     take(0);
     std::unique_lock lock(mutex_);
     wanted_ = 0;  // who wakes up now is too late
-    finished_.wait(lock, [this] { return at_work_ == 0; });
+    while (!finished_.wait_for(lock, between_questions, [this] { return at_work_ == 0; })) {
+      if (ends_with_ != nullptr) {  // the others have to be told
+        lock.unlock();
+        static_cast<void>(ends_with_->ends());
+        lock.lock();
+      }
+    }
     if (failure_) {
       std::rethrow_exception(std::exchange(failure_, nullptr));
     }
@@ -149,6 +168,9 @@ class Team {
   }
 
   [[noreturn]] void serve(std::size_t lane) {
+    sigset_t all;  // signals are for the others
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, nullptr);
     std::uint64_t seen = 0;
     for (;;) {
       {
@@ -156,6 +178,7 @@ class Team {
         wake_.wait(lock, [&] { return round_ != seen && lane < wanted_; });
         seen = round_;
         ++at_work_;
+        Interruptible::take_part(ends_with_);
       }
       take(lane);
       {
@@ -172,6 +195,7 @@ class Team {
   std::condition_variable wake_;
   std::condition_variable finished_;
   std::uint64_t round_ = 0;
+  Interruptible* ends_with_ = nullptr;
   std::size_t wanted_ = 0;  ///< lanes of this round; 0: it is over
   std::size_t at_work_ = 0;
   detail::PieceCall call_ = nullptr;
@@ -183,6 +207,50 @@ class Team {
 };
 
 }  // namespace
+
+Interruptible::Interruptible(std::function<bool()> wanted)
+    : wanted_(std::move(wanted)), outer_(innermost) {
+  innermost = this;
+  owns = true;
+}
+
+Interruptible::~Interruptible() {
+  innermost = outer_;
+  owns = outer_ != nullptr;
+}
+
+Interruptible* Interruptible::of_thread() { return innermost; }
+
+void Interruptible::take_part(Interruptible* other) {
+  innermost = other;
+  owns = false;
+}
+
+bool Interruptible::ends() {
+  const Clock::time_point now = Clock::now();
+  if (!ended_ && owns && innermost == this && now - asked_ >= between_questions) {
+    try {
+      ended_ = wanted_();
+    } catch (...) {
+      failure_ = std::current_exception();
+      ended_ = true;
+    }
+    asked_ = Clock::now();
+  }
+  return ended_;
+}
+
+void Interruptible::pass_on() const {
+  if (failure_) {
+    std::rethrow_exception(failure_);
+  }
+}
+
+void stop_if_wanted() {
+  if (innermost != nullptr && innermost->ends()) {
+    throw Interrupted();
+  }
+}
 
 int threads_of_algebra() {
   if (within) {

@@ -308,6 +308,15 @@ Measured Run::rescue(Measured measured) {
   return measured;
 }
 
+/// What a check finds; nothing where the run is to end before.
+std::optional<Verification::Found> Run::checked(const Measured& measured, bool goes_on) {
+  return timed(summary_.check_s, [&] {
+    return unless_ended([&] {
+      return verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
+    });
+  });
+}
+
 /// Replace the estimate by what a check finds, and the iterate by a better one where it is not good enough.
 /// @param believed the estimate is below the tolerance; else the run is about to give up
 Measured Run::verify(Measured measured, bool believed) {
@@ -328,9 +337,7 @@ Measured Run::verify(Measured measured, bool believed) {
     measured = stages_.measure(at(), history_, stop_);
   }
   const bool goes_on = rounds_left_ > 0;
-  const auto found = timed(summary_.check_s, [&] {
-    return verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
-  });
+  const auto found = checked(measured, goes_on);
   next_check_ = fall_between_checks * measured.residual;
   // a check moves what hangs on nothing anywhere; what Newton's step says of all that is held counts
   const bool rests =
@@ -394,15 +401,20 @@ void Run::tell(const Iteration& iteration) {
   });
 }
 
+/// The last iteration, as it goes on.
+void Run::tell_again(Index steps) {
+  const auto& told = summary_.history;
+  Iteration iteration =
+      told.empty() ? Iteration{0, unknown_error, unknown_error, unknown_error, 0.0} : told.back();
+  iteration.number = iterations() + steps;
+  iteration.seconds = elapsed();
+  tell(iteration);
+}
+
 /// Between Newton's steps, of which a proposal takes many.
 bool Run::goes_on(Index steps) {
   if (steps > 0) {
-    const auto& told = summary_.history;
-    Iteration iteration =
-        told.empty() ? Iteration{0, unknown_error, unknown_error, unknown_error, 0.0} : told.back();
-    iteration.number = iterations() + steps;
-    iteration.seconds = elapsed();
-    tell(iteration);
+    tell_again(steps);
   }
   stages_.agree();
   return structure_.communicator().everywhere(!interrupted_ && !late());
@@ -494,9 +506,28 @@ State Run::end_of_march() {
 
 void Run::propose() { propose(state_.data.cols()); }
 
+/// Work that may take long, and is given up where the run is to end: then it has made nothing.
+/// @return the answer of `work`, or nothing
+template <class Work>
+auto Run::unless_ended(const Work& work) -> decltype(work()) {
+  if (!structure_.communicator().alone()) {
+    return work();
+  }
+  Interruptible ending([this] {
+    tell_again(0);
+    return interrupted_ || late();
+  });
+  try {
+    return work();
+  } catch (const Interrupted&) {
+    ending.pass_on();
+    return {};
+  }
+}
+
 void Run::propose(Index most) {
-  const NewtonOutcome outcome =
-      timed(summary_.newton_s, [&] { return newton_.propose(at(), most); });
+  const NewtonOutcome outcome = timed(
+      summary_.newton_s, [&] { return unless_ended([&] { return newton_.propose(at(), most); }); });
   summary_.newton_s -= outcome.flexibility_s;
   summary_.flexibility_s += outcome.flexibility_s;
   newton_stages_ += static_cast<Index>(std::ceil(outcome.stages));

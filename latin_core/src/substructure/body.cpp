@@ -17,6 +17,7 @@
 #include "latin/algebra/trailing.hpp"
 #include "latin/algebra/triangle.hpp"
 #include "latin/common/error.hpp"
+#include "latin/common/interrupt.hpp"
 #include "latin/common/numbers.hpp"
 
 namespace latin::substructure {
@@ -941,7 +942,7 @@ const Matrix* Body::compliance_by_solves(Index columns) const {
     return nullptr;
   }
   return &compliance_.get([this] {
-    constexpr Index side_by_side = 256;  // all unknowns of the body in each
+    constexpr Index side_by_side = 128;  // all unknowns of the body in each
     Matrix product(rows(), rows());
     for (Index from = 0; from < rows(); from += side_by_side) {
       const Index count = std::min(side_by_side, rows() - from);
@@ -1121,6 +1122,7 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
     constexpr Index side_by_side = 256;  // all unknowns of the body in each
     Matrix inverse(count, count);
     for (Index from = 0; from < count; from += side_by_side) {
+      stop_if_wanted();
       const Index columns = std::min(side_by_side, count - from);
       Matrix unit = Matrix::Zero(size_, columns);
       for (Index column = 0; column < columns; ++column) {

@@ -9,6 +9,7 @@
 
 #include "latin/algebra/triangle.hpp"
 #include "latin/common/error.hpp"
+#include "latin/common/interrupt.hpp"
 #include "latin/common/threads.hpp"
 #include "latin/substructure/joined.hpp"
 
@@ -93,7 +94,10 @@ void Flexibility::add_bodies() {
     find_modes(part, trace.transpose() * SparseRows(robin.asDiagonal() * trace));
   }
   std::mutex adding;
-  in_lanes(parts_.size(), numbers, [&](std::size_t piece) { add_matrix(parts_[piece], adding); });
+  in_lanes(parts_.size(), numbers, [&](std::size_t piece) {
+    stop_if_wanted();
+    add_matrix(parts_[piece], adding);
+  });
 }
 
 /// The factor of a part.

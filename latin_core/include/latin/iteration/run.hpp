@@ -56,6 +56,10 @@ class Run {
   Measured observe();
   void report(const Measured& measured);
   void tell(const Iteration& iteration);
+  void tell_again(Index steps);
+  std::optional<Verification::Found> checked(const Measured& measured, bool goes_on);
+  template <class Work>
+  auto unless_ended(const Work& work) -> decltype(work());
   bool goes_on(Index steps);
   [[nodiscard]] Matrix estimate(const Measured& measured);
   Measured rescue(Measured measured);

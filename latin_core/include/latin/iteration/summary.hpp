@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "latin/common/interrupt.hpp"
 #include "latin/common/types.hpp"
 
 namespace latin::iteration {
@@ -36,13 +37,7 @@ struct Iteration {
   double seconds;    ///< since the solve began
 };
 
-/// A callback throws it to end the run with what is done so far; on several ranks, that of any of them does.
-class Interrupted : public std::exception {
- public:
-  [[nodiscard]] const char* what() const noexcept override { return "interrupted"; }
-};
-
-/// Called after every iteration; may throw to end the run.
+/// Called after every iteration, and now and then within one that takes long; throws Interrupted to end the run.
 using Callback = std::function<void(const Iteration&)>;
 
 /// Whether anything can balance the loads of a column. Collective; asked where something flies, once a column.
