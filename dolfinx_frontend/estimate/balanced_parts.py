@@ -16,6 +16,7 @@ from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import is_real
+from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 
@@ -130,8 +131,7 @@ class Body:
 
     def straight(self) -> bool:
         """Whether nodes of edges are in their middles."""
-        mesh = self.part.part.mesh
-        if int(mesh.geometry.cmap.degree) == 1:
+        if int(coordinate_map(self.part.part.mesh).degree) == 1:
             return True
         shape = tabulate(
             basix.create_element(

@@ -2,6 +2,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <string>
+
 #include "latin/equilibration/equilibration.hpp"
 
 namespace py = pybind11;
@@ -10,7 +12,33 @@ using namespace py::literals;
 void bind_equilibration(py::module_& m) {
   using latin::Matrix;
   using latin::equilibration::Equilibration;
-  py::class_<Equilibration>(m, "Equilibration", "A stress in balance, close to that of a solution")
+  py::class_<Equilibration>(
+      m, "Equilibration",
+      R"(A stress in balance with loads, close to that of a solution on straight simplices; see ``latin::equilibration``.
+
+Parameters
+----------
+vertices
+    (d, vertices), length.
+corners
+    (cells * (d + 1),) vertices of the cells, ascending in each.
+stress
+    (components, cells * (d + 1)) of the solution at the corners, force / area: 11, 22, 12 or 11, 22, 33, 23, 13, 12.
+force
+    (d, cells) per volume.
+compliance, material
+    (components, components) engineering strain by stress, one for each material; (cells,) its number.
+cells, facets
+    (n,) of facets on the boundary with tractions or supports: the cell, and the vertex across in its order.
+moments
+    (d * nodes, n) of their tractions with the functions of vertices and edges, force.
+held
+    (d * d, n) projectors onto the directions in which a support takes any traction.
+
+Raises
+------
+InputError
+    Sizes that do not fit, vertices that are not ascending, a facet of more than two cells.)")
       .def(py::init([](Matrix vertices, std::vector<latin::Index> corners, Matrix stress,
                        Matrix force, std::vector<Matrix> compliance,
                        std::vector<latin::Index> material, std::vector<latin::Index> cells,
@@ -23,8 +51,17 @@ void bind_equilibration(py::module_& m) {
            }),
            py::kw_only(), "vertices"_a, "corners"_a, "stress"_a, "force"_a, "compliance"_a,
            "material"_a, "cells"_a, "facets"_a, "moments"_a, "held"_a)
-      .def_property_readonly("defect", &Equilibration::defect)
+      .def_property_readonly(
+          "defect", &Equilibration::defect,
+          "Largest residual of a node's balance, relative to the largest of its terms.")
+      .def("__repr__",
+           [](const Equilibration& made) {
+             return "Equilibration(" + std::to_string(made.cells()) + " cells)";
+           })
       .def("relax", &Equilibration::relax, "most_sweeps"_a, "enough"_a,
-           py::call_guard<py::gil_scoped_release>())
-      .def("stress", &Equilibration::stress, "cell"_a, "points"_a);
+           py::call_guard<py::gil_scoped_release>(),
+           "Energies (cells,) of the distance to the solution, after sweeps until one takes less "
+           "than `enough` of them.")
+      .def("stress", &Equilibration::stress, "cell"_a, "points"_a,
+           "The stress in balance (components, m) of a cell at points (d, m) of the unit simplex.");
 }

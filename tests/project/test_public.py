@@ -205,6 +205,28 @@ def questions(problem: Any) -> list[Any]:
     return [function, found, event, Response("layer"), fit, posterior, rare, screened]
 
 
+def bound() -> list[Any]:
+    """A proven error, and the stress in balance that it is made with."""
+    scene = Scene()
+    square = geometry.box((1.0, 1.0), (1, 1), cell="triangle")
+    scene.substructure("left", square, LinearElastic(100.0, 0.3), degree=1)
+    scene.fix("left:x0")
+    scene.pressure("left:x1", 1e-3)
+    made = latin_core.Equilibration(
+        vertices=np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        corners=np.arange(3),
+        stress=np.zeros((3, 3)),
+        force=np.zeros((2, 1)),
+        compliance=[np.eye(3)],
+        material=np.zeros(1, dtype=np.int64),
+        cells=np.zeros(1, dtype=np.int64),
+        facets=np.zeros(1, dtype=np.int64),
+        moments=np.zeros((4, 1)),
+        held=np.zeros((4, 1)),
+    )
+    return [solve(assemble(scene)).errors(kind="bound"), made]
+
+
 @pytest.fixture(scope="module")
 def things(tmp_path_factory: Any) -> list[Any]:
     """One of everything that is public."""
@@ -243,6 +265,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(ways, ways["chaos=2"], plan.price),
         *questions(problem),
         report(result, pictures=False, errors=False),
+        *bound(),
         dolfinx_frontend.Matrix(np.eye(12), [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
         DistributionFit("k", 9, (Candidate("normal", None, 1.0, 0.1, 3.0, 3.5, 0.4, 0.3),), ("few values",)),
         result.solver.linearised(result.laws, result.state),

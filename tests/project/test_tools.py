@@ -97,7 +97,7 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
             "latin_core/src/extras/x.cpp",
             "",
             "1: folder extras is no layer; the layers are "
-            "common, algebra, interface, stochastic, mortar, substructure, iteration",
+            "common, algebra, interface, stochastic, mortar, equilibration, substructure, iteration",
         ),
         (
             "latin_core/bindings/core.cpp",

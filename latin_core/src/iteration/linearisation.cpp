@@ -301,6 +301,10 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
   const Matrix forces = nodal(state.data - structure.directions().asDiagonal() * state.traces);
   const Matrix left = nodal(0.5 * residual);
   const Matrix data = nodal(state.data);
+  // the forces of a body that is held all around cancel at its nodes: rounding is that of forces that do not
+  Matrix terms = state.data;
+  with_signs(terms, 1.0, 0);
+  terms = nodal(terms);
   const std::vector<Index>& first = tangents_.front()->first_active();
   // what is rounding of rounding of others is no force
   constexpr double epsilon = std::numeric_limits<double>::epsilon();
@@ -312,14 +316,9 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
     const Eigen::RowVectorXd sizes = forces(rows, every).colwise().norm();
     const Eigen::RowVectorXd missing = left(rows, every).colwise().norm();
     const double least = quiet_column * largest_of(sizes, 0.0);
-    // at the nodes the forces of a body that is held all around cancel, but not at the points
-    const Index at = structure.body_rows()[b];
-    const auto weights = structure.weights().segment(at, structure.bodies()[b].rows());
     for (Index column = 0; column < sizes.size(); ++column) {
       const double size = larger(sizes(column), least);
-      const auto points = state.data.col(column).segment(at, weights.size());
-      const double of_terms =
-          larger(data.col(column)(rows).norm(), weights.cwiseProduct(points).norm());
+      const double of_terms = larger(data.col(column)(rows).norm(), terms.col(column)(rows).norm());
       if (!(size <= nothing) && !(missing(column) <= rounding * of_terms)) {
         largest = larger(largest, missing(column) / size);
       }

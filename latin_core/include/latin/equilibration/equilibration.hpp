@@ -38,6 +38,7 @@ class Equilibration {
   /// @throws InputError on sizes that do not fit, or a facet of more than two cells
   Equilibration(Cells cells, const Boundary& boundary);
 
+  [[nodiscard]] Index cells() const { return count_; }
   /// Largest residual of a node's balance, relative to the largest of its terms: what the solution itself lacks.
   [[nodiscard]] double defect() const { return defect_; }
   /// Sweep over the stars, until one takes less than a share of the energy, and the energies (cells,) of the distance in
