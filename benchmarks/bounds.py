@@ -2,11 +2,12 @@
 
     ./run bench bounds --count 500
 
-Stacks of one to three boxes of triangles or tetrahedra of degree 1 and 2, glued, on springs, or in contact
-without friction, on meshes that match (and every fifth time do not); moduli up to a thousand apart, Poisson's
-ratios up to 0.49, cells up to 1 : 4, tractions, pressures, resultants, weight and temperature, in m or mm. The
-true error is the distance of potential energies from meshes of degree 2 with a quarter of the cells' size,
-and a third of what these changed from those with half of it. A ratio below 1 is a broken bound.
+Stacks of one to three boxes of triangles or tetrahedra of degree 1 and 2, glued, on springs, or in
+contact without friction, on meshes that match (and every fifth time do not); moduli up to a
+thousand apart, Poisson's ratios up to 0.49, cells up to 1 : 4, tractions, pressures, resultants,
+weight and temperature, in m or mm. The true error is the distance of potential energies from meshes
+of degree 2 with a quarter of the cells' size, and a third of what these changed from those with
+half of it. A ratio below 1 is a broken bound.
 """
 
 from __future__ import annotations
