@@ -19,7 +19,6 @@ import basix
 import dolfinx.fem as fem
 import numpy as np
 
-from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.part_loads import PartLoad, traction_on
 from dolfinx_frontend.assembly.problem import Problem
@@ -90,6 +89,7 @@ class _Work:
     notes: list[str] = field(default_factory=list)
     gaps: dict[str, float] = field(default_factory=dict)
     joints: list[tuple[Interface, Law]] = field(default_factory=list)
+    glued: list[Interface] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         fields = {n: self._at(self.result.unknowns(n)) for n in self.problem.substructures}
@@ -196,16 +196,19 @@ class _Work:
         body = self.bodies[side.substructure]
         if law.elimination is Elimination.TIED:
             raise refused(f"interface {interface.name!r}: {law.title} ties its nodes to rigid motions")
-        nodes = body.part.dof_coordinates[side.nodes]
-        directions, values = law.constraint(interface.name, side, nodes)
-        face = FacetMap(body.part.part, side.face, interface.name)
+        face = OnFace(body, side.face, f"interface {interface.name!r}")
+        directions, values = law.constraint(interface.name, side, face.x)
+        off = np.abs(face.values(body.u) @ directions.T - values).max()
+        if off > SETTINGS.rounding * np.abs(body.u).max(initial=0.0):
+            self.notes.append(f"{interface.name!r} is not held as it should be between nodes")
         projector = directions.T @ directions
-        shape = (len(face), len(face.closure_dofs(body.part.space)[0]), body.part.dim)
-        body.on_face(face, np.zeros(shape), np.tile(projector, (len(face), 1, 1)))
-        body.held[np.unique(face.closure_dofs(body.part.space))] += projector
+        none = np.zeros((*face.dofs.shape, body.part.dim))
+        body.on_face(face.map, none, np.tile(projector, (len(face.map), 1, 1)))
+        body.held[np.unique(face.dofs)] += projector
 
     def _glued(self, interface: Interface) -> None:
         assert interface.matching is not None
+        self.glued.append(interface)
         one, other = (self.first[side.substructure] for side in interface.sides)
         self.pairs.append(interface.matching + np.array([one, other]))
 
@@ -242,7 +245,9 @@ class _Work:
             gap, why = gap_of_springs(interface, law, face, face.values(traction), jump)
             self.gaps[name] = gap
             self.notes += [why] if why else []
-        elif law.elimination is not Elimination.GLUED and not alone:
+        elif law.elimination is Elimination.GLUED and not alone:
+            self._kept_glue(interface, law, face)
+        elif not alone:
             self.notes.append(f"{name!r}: of its law {law.title} forces and jumps have no bound")
         self._pull(body, face, traction)
         for number, other in enumerate(interface.sides[1:], start=1):
@@ -254,6 +259,14 @@ class _Work:
             opposite = np.zeros_like(body.u)
             opposite[interface.matching[:, 1]] = -traction[interface.matching[:, 0]]
             self._pull(body, on, opposite)
+
+    def _kept_glue(self, interface: Interface, law: Law, face: OnFace) -> None:
+        """Glue that is iterated on holds means of the jump: whether it holds the jump itself."""
+        imposed = np.ravel(law.fields(interface).parameters["jump"])[: interface.dim] @ interface.frames[0]
+        off = np.abs(face.values(self._jump(interface)) - imposed).max()
+        moved = max(np.abs(self.bodies[side.substructure].u).max(initial=0.0) for side in interface.sides)
+        if off > SETTINGS.rounding * moved:
+            self.notes.append(f"{interface.name!r} is glued in the mean only: let the plan assemble it")
 
     def _nodal(self, interface: Interface, number: int, body: Body) -> Array:
         """Forces (nodes, d) of an interface on one of its sides."""
@@ -336,8 +349,9 @@ class _Work:
             at = {int(one): int(other) for one, other in interface.matching}
             mine = np.array([at[int(k)] for k in nodes])
         fixed = np.zeros(len(body.u), dtype=bool)
-        for other in self.problem.interfaces.values():
-            for side in other.sides if len(other.sides) == 2 and other is not interface else ():
+        joined = [each for each, _ in self.joints] + self.glued
+        for other in joined:
+            for side in other.sides if other is not interface else ():
                 if side.substructure == body.part.name:
                     fixed[side.nodes] = True
         barred = np.einsum("i,nij,j->n", normal, body.held, normal) > SETTINGS.rounding

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "latin/equilibration/equilibration.hpp"
+#include "signals.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -58,10 +59,16 @@ InputError
            [](const Equilibration& made) {
              return "Equilibration(" + std::to_string(made.cells()) + " cells)";
            })
-      .def("relax", &Equilibration::relax, "most_sweeps"_a, "enough"_a,
-           py::call_guard<py::gil_scoped_release>(),
-           "Energies (cells,) of the distance to the solution, after sweeps until one takes less "
-           "than `enough` of them.")
+      .def(
+          "relax",
+          [](Equilibration& made, int most_sweeps, double enough) {
+            const py::gil_scoped_release release;
+            return hearing_signals(true,
+                                   [&] { return latin::Vector(made.relax(most_sweeps, enough)); });
+          },
+          "most_sweeps"_a, "enough"_a,
+          "Energies (cells,) of the distance to the solution, after sweeps until one takes less "
+          "than `enough` of them.")
       .def("stress", &Equilibration::stress, "cell"_a, "points"_a,
            "The stress in balance (components, m) of a cell at points (d, m) of the unit simplex.");
 }

@@ -15,6 +15,7 @@
 #include "latin/iteration/sweep.hpp"
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/local_stage.hpp"
+#include "signals.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -263,20 +264,10 @@ std::shared_ptr<Structure> make_structure(py::handle bodies, py::handle interfac
   const latin::Communicator ranks = to_communicator(comm);
   const bool alone = ranks.alone();
   const py::gil_scoped_release release;
-  latin::Interruptible ending([alone] {
-    const py::gil_scoped_acquire gil;
-    if (alone && PyErr_CheckSignals() != 0) {
-      throw py::error_already_set();
-    }
-    return false;
-  });
-  try {
+  return hearing_signals(alone, [&] {
     return std::make_shared<Structure>(std::move(all_bodies), std::move(all_interfaces), options,
                                        ranks, before.get());
-  } catch (const latin::Interrupted&) {
-    ending.pass_on();
-    throw;
-  }
+  });
 }
 
 py::dict cost_of(const Body& body) {

@@ -205,6 +205,33 @@ def test_what_cannot_be_bounded_is_refused(case: str) -> None:
         make().errors(**{"kind": "bound", **given})
 
 
+def test_displacements_that_are_no_polynomials_are_not_proven() -> None:
+    scene = lf.Scene()
+    scene.substructure("a", box(2, 0.0, 2), lf.LinearElastic(E=E, nu=0.3), degree=2)
+    scene.fix("a:y0")
+    bent = lf.Displacement(value=lambda x: np.column_stack([0.0 * x[:, 0], 1e-3 * np.sin(9.0 * x[:, 0])]))
+    scene.interface("bent", "a:y1", bent)
+    bound = lf.solve(lf.assemble(scene)).errors(kind="bound")
+    assert not bound.strict and "between nodes" in bound.notes[0]
+
+
+@pytest.mark.parametrize("space", ["points", "mortar"])
+def test_glue_that_is_iterated_on(space: Any) -> None:
+    """It is proven as that which is assembled: what is glued has no jump between nodes either."""
+    scene = lf.Scene()
+    for name, origin in (("a", 0.0), ("b", LENGTH)):
+        scene.substructure(name, box(2, origin, 2), lf.LinearElastic(E=E, nu=0.3), degree=2)
+    scene.interface("joint", "a:y1", "b:y0", lf.Perfect(), space=space)
+    scene.fix("a:y0")
+    scene.traction("b:y1", (1e-3, 0.0))
+    problem = lf.assemble(scene)
+    assembled = lf.solve(problem).errors(kind="bound")
+    kept = lf.solve(problem, active=["joint"], options=lf.Options(rtol=1e-10)).errors(kind="bound")
+    assert assembled.strict and kept.strict, kept.notes
+    # tractions of the joint are given here and found there
+    assert kept.total == pytest.approx(assembled.total, rel=0.1)
+
+
 def test_history_of_linear_laws_is_bounded_at_its_end() -> None:
     scene = lf.Scene()
     scene.substructure("a", box(2, 0.0, 2), lf.LinearElastic(E=E, nu=0.3), degree=1)

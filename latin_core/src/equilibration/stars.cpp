@@ -6,6 +6,8 @@
 #include <map>
 #include <utility>
 
+#include "latin/common/interrupt.hpp"
+
 namespace latin::equilibration {
 namespace {
 
@@ -152,6 +154,7 @@ void Equilibration::sweep(Patch& patch, int most_sweeps, double enough) {
   double before = left();
   for (int round = 0; round < most_sweeps; ++round) {
     for (std::size_t k = patch.begin; k < patch.end; ++k) {
+      stop_if_wanted();
       relax_star(stars_[round % 2 == 0 ? k : patch.begin + patch.end - 1 - k], patch);
     }
     const double now = left();
