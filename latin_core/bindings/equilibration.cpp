@@ -10,12 +10,10 @@
 namespace py = pybind11;
 using namespace py::literals;
 
-void bind_equilibration(py::module_& m) {
-  using latin::Matrix;
-  using latin::equilibration::Equilibration;
-  py::class_<Equilibration>(
-      m, "Equilibration",
-      R"(A stress in balance with loads, close to that of a solution on straight simplices; see ``latin::equilibration``.
+namespace {
+
+constexpr const char* description =
+    R"(A stress in balance with loads, close to that of a solution on straight simplices; see ``latin::equilibration``.
 
 Parameters
 ----------
@@ -39,7 +37,14 @@ held
 Raises
 ------
 InputError
-    Sizes that do not fit, vertices that are not ascending, a facet of more than two cells.)")
+    Sizes that do not fit, vertices that are not ascending, a facet of more than two cells.)";
+
+}  // namespace
+
+void bind_equilibration(py::module_& m) {
+  using latin::Matrix;
+  using latin::equilibration::Equilibration;
+  py::class_<Equilibration>(m, "Equilibration", description)
       .def(py::init([](Matrix vertices, std::vector<latin::Index> corners, Matrix stress,
                        Matrix force, std::vector<Matrix> compliance,
                        std::vector<latin::Index> material, std::vector<latin::Index> cells,
