@@ -19,6 +19,7 @@ from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.materials import VOIGT
 
 __all__ = [
     "MORE",
@@ -28,7 +29,6 @@ __all__ = [
     "OnFace",
     "Settings",
     "correct",
-    "free_motions",
     "lifted",
     "refused",
 ]
@@ -161,11 +161,10 @@ class Body:
         inverse = np.linalg.inv(np.swapaxes(self.x[:, 1:] - self.x[:, :1], 1, 2))
         u = (self.u + self.change)[self.dofs]
         gradient = np.einsum("cki,mvk,cmj->cvij", u, slopes, inverse, optimize=True)
-        pairs = ((0, 0), (1, 1), (0, 1)) if d == 2 else ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
         strain = np.stack(
             [
                 gradient[..., i, j] if i == j else gradient[..., i, j] + gradient[..., j, i]
-                for i, j in pairs
+                for i, j in VOIGT[d]
             ],
             axis=-1,
         )
@@ -306,47 +305,6 @@ def correct(bodies: Mapping[str, Body], numbers: Mapping[str, Ints], count: int,
     found = solved_by_cg(project @ matrix @ project, driven, enough).reshape(-1, d)
     for name, body in bodies.items():
         body.change[:] = found[numbers[name]]
-
-
-def free_motions(
-    bodies: Mapping[str, Body], numbers: Mapping[str, Ints], count: int
-) -> tuple[dict[str, bool], Array]:
-    """Whether supports take every rigid motion of each part with what is glued to it; and (count * d, r) the
-    motions that they leave, orthonormal."""
-    shared = {n: {int(k) for k in own} for n, own in numbers.items()}
-    joined = {n: [m for m in bodies if n == m or shared[n] & shared[m]] for n in bodies}
-    rests: dict[str, bool] = {}
-    free: list[Array] = []
-    for name in bodies:
-        if name in rests:
-            continue
-        group, new = {name}, [name]
-        while new:
-            new = [m for n in new for m in joined[n] if m not in group]
-            group.update(new)
-        own = np.zeros((count, *_rigid(bodies[name].part.dof_coordinates[:1]).shape[1:]))
-        held = []
-        for each in group:
-            own[numbers[each]] = _rigid(bodies[each].part.dof_coordinates)
-            taken = np.einsum("nij,njk->nik", bodies[each].held, own[numbers[each]])
-            held.append(taken.reshape(-1, own.shape[2]))
-        whole = np.linalg.qr(own.reshape(-1, own.shape[2]))
-        _, sizes, axes = np.linalg.svd(np.concatenate(held) @ np.linalg.inv(whole.R), full_matrices=False)
-        left = sizes <= SETTINGS.rounding * max(sizes.max(initial=0.0), 1e-300)
-        free.append(whole.Q @ axes[left].T)
-        rests |= dict.fromkeys(group, not left.any())
-    return rests, np.concatenate(free, axis=1)
-
-
-def _rigid(x: Array) -> Array:
-    """(n, d, modes) rigid motions at places (n, d)."""
-    n, d = x.shape
-    turns = [(i, j) for i in range(d) for j in range(i + 1, d)]
-    out = np.zeros((n, d, d + len(turns)))
-    out[:, range(d), range(d)] = 1.0
-    for k, (i, j) in enumerate(turns, start=d):
-        out[:, i, k], out[:, j, k] = -x[:, j], x[:, i]
-    return out
 
 
 def lifted(body: Body, nodes: Ints, moved: Array, normal: Array, fixed: Flags) -> Array:

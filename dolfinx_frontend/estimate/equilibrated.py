@@ -12,16 +12,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from time import perf_counter
-from types import SimpleNamespace
 from typing import Any
 
 import basix
 import dolfinx.fem as fem
 import numpy as np
 
-from dolfinx_frontend.assembly.interface import Interface, frames
+from dolfinx_frontend.assembly.held import held
+from dolfinx_frontend.assembly.interface import Interface, PointFrames, frames
 from dolfinx_frontend.assembly.part_loads import PartLoad, traction_on
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.rigid import free_motions
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.interrupts import stop_if_pressed
@@ -38,13 +39,13 @@ from dolfinx_frontend.estimate.balanced_parts import (
     Inputs,
     OnFace,
     correct,
-    free_motions,
     lifted,
     refused,
 )
 from dolfinx_frontend.results.balance import eliminated, held_by_nodes, nodal_forces
 from dolfinx_frontend.results.errors import EnergyBound
 from dolfinx_frontend.scene.laws import Elimination, Law
+from dolfinx_frontend.scene.materials import VOIGT
 
 __all__ = ["energy_bound"]
 
@@ -79,6 +80,16 @@ def energy_bound(result: Any, step: int = -1) -> EnergyBound:
     return work.bound(began)
 
 
+@dataclass(frozen=True)
+class _Points(PointFrames):
+    """Points of a face, for the load of a law."""
+
+    name: str
+    points: Array
+    weights: Array
+    frames: Array
+
+
 @dataclass
 class _Work:
     """What is gathered of an answer on the way to its bound."""
@@ -90,6 +101,7 @@ class _Work:
     gaps: dict[str, float] = field(default_factory=dict)
     joints: list[tuple[Interface, Law]] = field(default_factory=list)
     glued: list[Interface] = field(default_factory=list)
+    supports: list[Interface] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         fields = {n: self._at(self.result.unknowns(n)) for n in self.problem.substructures}
@@ -177,8 +189,7 @@ class _Work:
         expression = fem.Expression(load.stresses[parameter], points)
         d, cells = body.part.dim, np.arange(len(body.dofs), dtype=np.int32)
         values = expression.eval(mesh, cells).reshape(len(cells), len(points), d, d)
-        pairs = ((0, 0), (1, 1), (0, 1)) if d == 2 else ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-        own = number * np.stack([values[..., i, j] for i, j in pairs], axis=-1)
+        own = number * np.stack([values[..., i, j] for i, j in VOIGT[d]], axis=-1)
         bent = np.abs(own[:, -1] - own[:, :-1].mean(axis=1)).max()
         if bent > SETTINGS.rounding * np.abs(own).max():
             self.notes.append(f"{load.load.where}: its stress is not linear in the cells")
@@ -194,6 +205,7 @@ class _Work:
     def _support(self, interface: Interface, law: Law) -> None:
         side = interface.sides[0]
         body = self.bodies[side.substructure]
+        self.supports.append(interface)
         if law.elimination is Elimination.TIED:
             raise refused(f"interface {interface.name!r}: {law.title} ties its nodes to rigid motions")
         face = OnFace(body, side.face, f"interface {interface.name!r}")
@@ -218,10 +230,7 @@ class _Work:
         body = self.bodies[side.substructure]
         face = OnFace(body, side.face, f"interface {interface.name!r}")
         axes, _ = frames(face.normals, None)
-        points: Any = SimpleNamespace(
-            name=interface.name, dim=body.part.dim, num_points=len(face.x), points=face.x, frames=axes,
-            weights=face.weights, area=float(face.weights.sum()), normals=face.normals,
-        )  # fmt: skip
+        points: Any = _Points(interface.name, face.x, face.weights, axes)
         traction = np.einsum("pij,pi->pj", axes, np.asarray(law.load(points)))
         self._exert(body, face, traction, f"interface {interface.name!r}")
         body.acting += face.nodal(face.moments(traction))
@@ -372,17 +381,27 @@ class _Work:
         """The stress in balance, and its distance."""
         numbers, d = self._numbers(), self.problem.dim
         own = {n: numbers[self.first[n] : self.first[n] + len(b.u)] for n, b in self.bodies.items()}
-        rests, motions = free_motions(self.bodies, own, int(numbers.max()) + 1)
+        count = int(numbers.max()) + 1
+        rigid = free_motions(
+            {n: (part.centre, part.length) for n, part in self.problem.parts.items()},
+            [held(self.problem, each) for each in (*self.supports, *self.glued)],
+        )
+        moving = {name for group in rigid.groups for name in group}
         for interface, law in self.joints:
             stop_if_pressed()
-            self._joint(interface, law, all(rests[side.substructure] for side in interface.sides))
-        correct(self.bodies, own, int(numbers.max()) + 1, motions)
+            self._joint(interface, law, all(side.substructure not in moving for side in interface.sides))
+        motions = np.zeros((count, d, len(rigid)))
+        for name, body in self.bodies.items():
+            motions[own[name]] = rigid.at(name, body.part.dof_coordinates)
+        correct(self.bodies, own, count, np.linalg.qr(motions.reshape(count * d, -1)).Q)
         inputs = Inputs(d)
         for name, body in self.bodies.items():
             inputs.add(body, own[name])
         stop_if_pressed()
-        made = inputs.made(int(numbers.max()) + 1)
-        if not made.defect <= SETTINGS.rounding + self.result.error:
+        made = inputs.made(count)
+        if not self.result.converged:
+            self.notes.append("the answer has not converged")
+        elif not made.defect <= SETTINGS.rounding + self.result.error:
             self.notes.append(f"balance at nodes is off by {made.defect:.1g}")
         energies = np.split(made.relax(SETTINGS.sweeps, SETTINGS.enough), np.cumsum(inputs.counts)[:-1])
         cells = dict(zip(self.bodies, energies, strict=True))

@@ -33,6 +33,7 @@ from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
 from dolfinx_frontend.scene.values import Parameter, is_random_field, is_plain, is_uncertain
 
 __all__ = [
+    "VOIGT",
     "LinearElastic",
     "Material",
     "OrthotropicElastic",
@@ -242,7 +243,8 @@ class LinearElastic:
         return ufl.inner(self.stress(u), self.strain(v))
 
 
-_VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+VOIGT = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
+"""Components of symmetric tensors in their order, by dimension."""
 
 
 def matrix_stress(matrix: npt.NDArray[np.float64], u: Any) -> Any:
@@ -254,13 +256,13 @@ def matrix_stress(matrix: npt.NDArray[np.float64], u: Any) -> Any:
     if _dim(u) == 2:
         s = ufl.dot(C, ufl.as_vector([eps[0, 0], eps[1, 1], 2 * eps[0, 1]]))
         return ufl.as_matrix([[s[0], s[2]], [s[2], s[1]]])
-    s = ufl.dot(C, ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in _VOIGT]))
+    s = ufl.dot(C, ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in VOIGT[3]]))
     return ufl.as_matrix([[s[0], s[5], s[4]], [s[5], s[1], s[3]], [s[4], s[3], s[2]]])
 
 
 def modulus_along(matrix: Array, normals: Array) -> Array:
     """Young's modulus (m,), force / area, along unit vectors (m, d), from :func:`matrix_stress`."""
-    pairs = _VOIGT if len(matrix) == 6 else ((0, 0), (1, 1), (0, 1))
+    pairs = VOIGT[3 if len(matrix) == 6 else 2]
     stress = np.array([normals[:, i] * normals[:, j] for i, j in pairs])
     return 1.0 / np.asarray((stress * np.linalg.solve(matrix, stress)).sum(axis=0))
 
@@ -268,8 +270,8 @@ def modulus_along(matrix: Array, normals: Array) -> Array:
 def _strain_rotation(axes: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """(6, 6): global engineering strains -> engineering strains along the rows of `axes`."""
     out = np.zeros((6, 6))
-    for a, (i, j) in enumerate(_VOIGT):
-        for b, (k, l) in enumerate(_VOIGT):
+    for a, (i, j) in enumerate(VOIGT[3]):
+        for b, (k, l) in enumerate(VOIGT[3]):
             sym = 0.5 * (axes[i, k] * axes[j, l] + axes[i, l] * axes[j, k])
             # a shear strain of the column enters twice as a tensor component of half its value
             out[a, b] = sym * (2.0 if i != j else 1.0)
@@ -394,7 +396,7 @@ class OrthotropicElastic:
         turn = self._rows(mesh) if callable(self.axes) else None
         if turn is not None:
             eps = turn * eps * turn.T
-        pairs = _VOIGT if len(C) == 6 else ((0, 0), (1, 1), (0, 1))
+        pairs = VOIGT[3 if len(C) == 6 else 2]
         voigt = ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in pairs])
         s = ufl.dot(fem.Constant(mesh, C), voigt)
         of = {pair: s[k] for k, pair in enumerate(pairs)}

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/stochastic/germ.hpp"
 
 namespace latin::equilibration {
 namespace {
@@ -44,17 +45,6 @@ Matrix powers(const std::vector<std::vector<int>>& exponents, ConstMatrixRef poi
     }
   }
   return out;
-}
-
-/// Gauss-Legendre on [0, 1] by the eigenvalues of its Jacobi matrix (G. H. Golub and J. H. Welsch, Math. Comp. 23
-/// (1969) 221).
-std::pair<Vector, Vector> gauss(int count) {
-  Matrix jacobi = Matrix::Zero(count, count);
-  for (int k = 1; k < count; ++k) {
-    jacobi(k, k - 1) = jacobi(k - 1, k) = 0.5 * k / std::sqrt(4.0 * k * k - 1.0);
-  }
-  const Eigen::SelfAdjointEigenSolver<Matrix> solver(jacobi);
-  return {solver.eigenvalues().array() + 0.5, solver.eigenvectors().row(0).transpose().cwiseAbs2()};
 }
 
 Matrix with_first(ConstMatrixRef points) {
@@ -100,7 +90,9 @@ Matrix without(const Matrix& columns, const std::vector<Index>& left_out) {
 }  // namespace
 
 Rule simplex_rule(int dim, int points) {
-  const auto [at, weights] = gauss(points);
+  const stochastic::Rule line =
+      stochastic::Germ::family("legendre", {}).gauss(points);  // on [-1, 1]
+  const Vector at = 0.5 * (line.points.col(0).array() + 1.0);
   Rule rule{Matrix::Zero(0, 1), Vector::Ones(1)};
   for (int axis = 0; axis < dim; ++axis) {  // a cone over the simplex of one dimension less
     const Index before = rule.points.cols();
@@ -109,7 +101,8 @@ Rule simplex_rule(int dim, int points) {
       const double left = 1.0 - at(k);
       next.points.block(0, k * before, axis, before) = left * rule.points;
       next.points.block(axis, k * before, 1, before).setConstant(at(k));
-      next.weights.segment(k * before, before) = weights(k) * std::pow(left, axis) * rule.weights;
+      next.weights.segment(k * before, before) =
+          line.weights(k) * std::pow(left, axis) * rule.weights;
     }
     rule = std::move(next);
   }

@@ -301,30 +301,35 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
   const Matrix forces = nodal(state.data - structure.directions().asDiagonal() * state.traces);
   const Matrix left = nodal(0.5 * residual);
   const Matrix data = nodal(state.data);
-  // the forces of a body that is held all around cancel at its nodes: rounding is that of forces that do not
-  Matrix terms = state.data;
-  with_signs(terms, 1.0, 0);
-  terms = nodal(terms);
   const std::vector<Index>& first = tangents_.front()->first_active();
   // what is rounding of rounding of others is no force
   constexpr double epsilon = std::numeric_limits<double>::epsilon();
   const double most = data.size() > 0 ? data.cwiseAbs().maxCoeff<keep_nan>() : 0.0;
   const double nothing = structure.communicator().largest(epsilon * epsilon * most);
-  double largest = 0.0;
-  for (std::size_t b = 0; b + 1 < first.size(); ++b) {
-    const auto rows = Eigen::seq(first[b], first[b + 1] - 1);
-    const Eigen::RowVectorXd sizes = forces(rows, every).colwise().norm();
-    const Eigen::RowVectorXd missing = left(rows, every).colwise().norm();
-    const double least = quiet_column * largest_of(sizes, 0.0);
-    for (Index column = 0; column < sizes.size(); ++column) {
-      const double size = larger(sizes(column), least);
-      const double of_terms = larger(data.col(column)(rows).norm(), terms.col(column)(rows).norm());
-      if (!(size <= nothing) && !(missing(column) <= rounding * of_terms)) {
-        largest = larger(largest, missing(column) / size);
+  const auto beyond_rounding_of = [&](const Matrix& terms) {
+    double largest = 0.0;
+    for (std::size_t b = 0; b + 1 < first.size(); ++b) {
+      const auto rows = Eigen::seq(first[b], first[b + 1] - 1);
+      const Eigen::RowVectorXd sizes = forces(rows, every).colwise().norm();
+      const Eigen::RowVectorXd missing = left(rows, every).colwise().norm();
+      const double least = quiet_column * largest_of(sizes, 0.0);
+      for (Index column = 0; column < sizes.size(); ++column) {
+        const double size = larger(sizes(column), least);
+        if (!(size <= nothing) && !(missing(column) <= rounding * terms.col(column)(rows).norm())) {
+          largest = larger(largest, missing(column) / size);
+        }
       }
     }
+    return structure.communicator().agreed(largest);
+  };
+  const double largest = beyond_rounding_of(data);
+  if (largest == 0.0) {
+    return largest;
   }
-  return structure.communicator().agreed(largest);
+  // the forces of a body that is held all around cancel at its nodes: rounding is that of forces that do not
+  Matrix apart = state.data;
+  with_signs(apart, 1.0, 0);
+  return beyond_rounding_of(data.cwiseAbs().cwiseMax(nodal(apart).cwiseAbs()));
 }
 
 void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
