@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dolfinx_frontend.common.arrays import Ints
 from dolfinx_frontend.common.deferred import sp
 
-__all__ = ["distances", "group_labels", "grouped"]
+__all__ = ["group_labels", "grouped", "on_shortest_ways"]
 
 T = TypeVar("T", bound=Hashable)
 
@@ -49,9 +49,34 @@ def grouped(things: Sequence[T], pairs: Iterable[tuple[T, T]]) -> list[list[T]]:
     return groups
 
 
-def distances(pairs: Iterable[tuple[T, T]], start: T) -> dict[T, int]:
-    """Thing -> number of pairs between it and the first one, of those that are connected with it."""
-    links = list(pairs)
+def on_shortest_ways(
+    things: Sequence[T],
+    joints: Mapping[str, Sequence[T]],
+    glue: Iterable[Sequence[T]],
+    ends: Sequence[T],
+) -> tuple[dict[str, tuple[int, int]], tuple[int, int]]:
+    """Joints on the shortest ways from one thing to another, where what is glued is one.
+
+    Returns
+    -------
+    ways, ends
+        Joint -> numbers of the groups on its sides; those of the ends.
+    """
+    groups = grouped(things, [(a, b) for a, b in glue])
+    label = {thing: k for k, members in enumerate(groups) for thing in members}
+    links = {name: (label[a], label[b]) for name, (a, b) in joints.items()}
+    first, last = label[ends[0]], label[ends[1]]
+    near, far = (_distances(list(links.values()), each) for each in (first, last))
+    whole = near.get(last, 0)
+
+    def through(a: int, b: int) -> bool:
+        return near.get(a, np.inf) + far.get(b, np.inf) + 1 == whole
+
+    return {name: (a, b) for name, (a, b) in links.items() if through(a, b) or through(b, a)}, (first, last)
+
+
+def _distances(links: Sequence[tuple[int, int]], start: int) -> dict[int, int]:
+    """Group -> number of links between it and the first one."""
     found, border = {start: 0}, [start]
     while border:
         here = border.pop(0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.groups import distances, grouped
+from dolfinx_frontend.common.groups import on_shortest_ways
 from dolfinx_frontend.common.model_limits import LIMITS
 from dolfinx_frontend.results.readings import UNLOADED, Readings
 from dolfinx_frontend.scene.laws import Law
@@ -119,14 +119,7 @@ def _across(problem: Any, beam: str) -> list[str]:
     every = {n: i for n, i in problem.interfaces.items() if len(i.sides) == 2 and i.wrench is None}
     pairs = {name: tuple(side.substructure for side in each.sides) for name, each in every.items()}
     contacts = [name for name, each in every.items() if each.law.unilateral]
-    groups = grouped(list(problem.parts), [pairs[n] for n in every if n not in contacts])
-    group = {part: k for k, members in enumerate(groups) for part in members}
-    links = {name: (group[pairs[name][0]], group[pairs[name][1]]) for name in contacts}
-    ends = [group[side.substructure] for side in problem.interfaces[beam].sides]
-    near, far = (distances(links.values(), end) for end in ends)
-    return [
-        name
-        for name, (a, b) in links.items()
-        if near.get(ends[1], 0)
-        in (near.get(a, np.inf) + far.get(b, np.inf) + 1, near.get(b, np.inf) + far.get(a, np.inf) + 1)
-    ]
+    ends = tuple(side.substructure for side in problem.interfaces[beam].sides)
+    glue = [pair for name, pair in pairs.items() if name not in contacts]
+    ways, _ = on_shortest_ways(list(problem.parts), {n: pairs[n] for n in contacts}, glue, ends)
+    return list(ways)

@@ -19,7 +19,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_name, checked_names
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.groups import distances, grouped
+from dolfinx_frontend.common.groups import on_shortest_ways
 from dolfinx_frontend.results.answer import Answer, Surface
 from dolfinx_frontend.sheets.names import by_pattern
 
@@ -163,19 +163,8 @@ def _on_shortest_ways(
         parts += [p for p in each if p not in parts]
     ends = _parts(answer, bolt.interface)
     parts += [p for p in ends if p not in parts]
-    groups = grouped(parts, [(pairs[n][0], pairs[n][1]) for n in glue])
-    group = {part: k for k, members in enumerate(groups) for part in members}
-    links = {name: (group[pairs[name][0]], group[pairs[name][1]]) for name in joints}
-    first, last = (group[part] for part in ends)
-    near, far = (distances(links.values(), each) for each in (first, last))
-    if first == last or last not in near:
-        return ()
-    ways = {
-        name: (a, b)
-        for name, (a, b) in links.items()
-        if near.get(a, np.inf) + far.get(b, np.inf) + 1 == near[last]
-        or near.get(b, np.inf) + far.get(a, np.inf) + 1 == near[last]
-    }
+    own = {name: pairs[name] for name in joints}
+    ways, (first, last) = on_shortest_ways(parts, own, [pairs[n] for n in glue], ends)
     # the contacts of head and nut carry the force of the bolt itself
     inner = [name for name, pair in ways.items() if first not in pair and last not in pair]
     inner = inner or [name for name in ways if not set(pairs[name]) & set(ends)]
