@@ -45,9 +45,12 @@ from dolfinx_frontend.estimate.balanced_parts import (
 from dolfinx_frontend.results.balance import eliminated, held_by_nodes, nodal_forces
 from dolfinx_frontend.results.errors import EnergyBound
 from dolfinx_frontend.scene.laws import Elimination, Law
+from dolfinx_frontend.scene.loads import is_field
 from dolfinx_frontend.scene.materials import VOIGT
 
 __all__ = ["energy_bound"]
+
+_SAMPLED = "it is given by a function of the place, which is known at points only"
 
 
 def energy_bound(result: Any, step: int = -1) -> EnergyBound:
@@ -122,6 +125,10 @@ class _Work:
     def add(self, interface: Interface, law: Law) -> None:
         """What an interface exerts on its parts, or joins of them."""
         name, two = interface.name, len(interface.sides) == 2
+        if any(map(is_field, law.parameters().values())):
+            self.notes.append(f"{name!r}: {_SAMPLED}")
+        if interface.law.history and self.result.times is not None:
+            self.notes.append(f"{name!r} remembers steps before, whose errors are in no bound")
         if held_by_nodes(self.result, interface):
             if not two:
                 self._support(interface, law)
@@ -148,6 +155,9 @@ class _Work:
             number = load.mean(parameter, None)
             if number == 0.0:
                 continue
+            shape = load.load.shapes[parameter]
+            if any(map(is_field, shape if isinstance(shape, tuple) else (shape,))):
+                self.notes.append(f"{load.load.where}: {_SAMPLED}")
             if parameter in load.stresses:
                 self._initial(body, load, parameter, number)
                 continue

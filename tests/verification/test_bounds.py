@@ -205,6 +205,40 @@ def test_what_cannot_be_bounded_is_refused(case: str) -> None:
         make().errors(**{"kind": "bound", **given})
 
 
+def spike(x: Array) -> Array:
+    """Nothing at any point of a coarse mesh."""
+    return np.asarray(10.0 * (np.abs(x[:, 0] - 0.2) < 1e-3))
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        lambda scene: scene.pressure("a:y1", spike),
+        lambda scene: scene.temperature("a", spike, alpha=1e-3),
+        lambda scene: scene.traction("a:y1", lambda x: np.column_stack([spike(x), spike(x)])),
+    ],
+)
+def test_functions_of_the_place_are_sampled_and_not_proven(load: Any) -> None:
+    """Between the points a function may be anything."""
+    bound = bound_of(load).errors(kind="bound")
+    assert not bound.strict and "function of the place" in bound.notes[0]
+
+
+def test_what_was_tightened_on_this_mesh_is_not_proven() -> None:
+    """The length at which a bolt was locked has the error of the step before, which is in no distance now."""
+    scene = lf.Scene()
+    for name, origin in (("a", 0.0), ("b", LENGTH)):
+        scene.substructure(name, box(3, origin, 1), lf.LinearElastic(E=E, nu=0.3), degree=1)
+        scene.fix(f"{name}:x0")
+    axial = lf.BoltStiffness(axial=10.0, bending=1.0, torsion=1.0)
+    later = lf.Amplitude([1.0, 2.0], [0.0, 1.0])
+    scene.beam("bolt", "a:y0", "b:y1", axial, lf.Preload(1e-3, until=1.0))
+    scene.traction("b:y1", later * (0.0, 1e-3, 0.0))
+    answer = lf.solve(lf.assemble(scene), times=[1.0, 2.0])
+    bound = answer.errors(kind="bound")
+    assert not bound.strict and "remembers" in bound.notes[0]
+
+
 def test_displacements_that_are_no_polynomials_are_not_proven() -> None:
     scene = lf.Scene()
     scene.substructure("a", box(2, 0.0, 2), lf.LinearElastic(E=E, nu=0.3), degree=2)
@@ -212,7 +246,7 @@ def test_displacements_that_are_no_polynomials_are_not_proven() -> None:
     bent = lf.Displacement(value=lambda x: np.column_stack([0.0 * x[:, 0], 1e-3 * np.sin(9.0 * x[:, 0])]))
     scene.interface("bent", "a:y1", bent)
     bound = lf.solve(lf.assemble(scene)).errors(kind="bound")
-    assert not bound.strict and "between nodes" in bound.notes[0]
+    assert not bound.strict and any("between nodes" in note for note in bound.notes)
 
 
 @pytest.mark.parametrize("space", ["points", "mortar"])
