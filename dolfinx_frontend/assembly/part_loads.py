@@ -388,20 +388,25 @@ def _on_face(load: Load, s: Substructure, shape: Any) -> _Shape:
 
 
 def _point_force(load: Load, s: Substructure, shape: Any) -> _Shape:
-    axis, point = shape
-    where, here = load.where, True
-    place_at = fitting(where, "point", point, s.dim)
-    if axis >= s.dim:
-        raise SceneError(f"{where}: a component {AXES[axis]!r} on a part of {s.dim} dimensions")
-    if isinstance(s, Condensed):
-        mesh = s.part.mesh
-        rank, place = place_on_ranks(where, mesh, s.space, place_at)
-        here = rank == mesh.comm.rank
+    first, second = shape
+    where, d = load.where, s.dim
+    if isinstance(first, int):  # one component at one point
+        if first >= d:
+            raise SceneError(f"{where}: a component {AXES[first]!r} on a part of {d} dimensions")
+        points, forces = np.atleast_2d(second), np.eye(d)[[first]]
     else:
-        place = place_in(where, s, place_at)
-    nodal = np.zeros((s.size // s.dim, s.dim))
-    if here:
-        nodal[place.nodes, axis] = place.shape
+        points, forces = first, second
+    nodal = np.zeros((s.size // d, d))
+    for point, force in zip(points, forces, strict=True):
+        place_at, here = fitting(where, "point", point, d), True
+        if isinstance(s, Condensed):
+            mesh = s.part.mesh
+            rank, place = place_on_ranks(where, mesh, s.space, place_at)
+            here = rank == mesh.comm.rank
+        else:
+            place = place_in(where, s, place_at)
+        if here:
+            np.add.at(nodal, place.nodes, np.outer(place.shape, force))
     return _Shape(nodal.ravel())
 
 

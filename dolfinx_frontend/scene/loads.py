@@ -30,6 +30,7 @@ __all__ = [
     "components",
     "is_field",
     "plain_vector",
+    "point_forces",
     "scattered",
     "shaped",
 ]
@@ -228,6 +229,18 @@ def components(
         values[name] = 1.0 if amplitude is None else amplitude * 1.0
         shapes[name] = each
     return values, shapes
+
+
+def point_forces(where: str, points: Any, forces: Any, count: int) -> tuple[Any, Any]:
+    """Points and the forces at them, both (n, d) plain numbers."""
+    shape = np.shape(points)
+    if shape[0] == 0 or shape != np.shape(forces) or shape[1] != count:
+        raise SceneError(
+            f"{where}: points of shape {shape} and forces of shape {np.shape(forces)}; give both as (n, {count})"
+        )
+    wanted = "give finite numbers"
+    first = checked_numbers(where, "point", points, wanted, dimensions=2)
+    return frozen(first), frozen(checked_numbers(where, "force", forces, wanted, dimensions=2))
 
 
 def plain_vector(where: str, what: str, value: Any) -> Any:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NoReturn, SupportsIndex
 
 import numpy as np
+import numpy.typing as npt
 
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -55,6 +56,7 @@ from dolfinx_frontend.scene.loads import (
     components,
     is_field,
     plain_vector,
+    point_forces,
     scattered,
     shaped,
 )
@@ -904,16 +906,34 @@ class Scene(Shown):
         self._add("bearing", found.substructure, name, {"factor": factor}, {"factor": vector}, found.face)
 
     @journaled
-    def point_force(self, part: str, point: Sequence[float], force: Any, name: str | None = None) -> None:
-        """Force at a point of a part, inside or on its surface: the displacement there grows as the mesh is
-        refined (a concentrated force has infinite stress).
+    def point_force(
+        self,
+        part: str,
+        point: npt.ArrayLike,
+        force: Any,
+        name: str | None = None,
+        factor: Value = 1.0,
+    ) -> None:
+        """Force at a point of a part, inside or on its surface, or at many points as one load: the displacement
+        there grows as the mesh is refined (a concentrated force has infinite stress).
 
         Parameters
         ----------
+        point
+            (d,) or (n, d), length.
         force
-            d components: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``, ``z``.
+            At one point d components: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``,
+            ``z``. At n points plain numbers (n, d), force.
+        factor
+            Of forces at n points: a number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
         """
         where = f"point_force on {part!r}"
+        if np.ndim(point) == 2:
+            shape = point_forces(where, point, force, self._dim(part))
+            self._add("point_force", part, name, {"factor": factor}, {"factor": shape})
+            return
+        if not (is_real(factor) and factor == 1.0):
+            raise SceneError(f"{where}: factor = {short(factor)} of one point; give it with the components")
         place = plain_vector(where, "point", point)
         values, axes = components(where, "force", force, count=self._dim(part))
         self._add("point_force", part, name, values, {key: (axis, place) for key, axis in axes.items()})

@@ -225,6 +225,30 @@ def test_any_linear_form_and_body_forces_are_loads() -> None:
     assert [values[f"force_{a}"] for a in "xyz"] == pytest.approx([-60, -60, -90 - 6 * 12.5], rel=1e-10)
 
 
+def test_forces_at_many_points_are_those_of_one_after_the_other() -> None:
+    points = np.array([(0.3, 0.2, 0.7), (0.3, 0.2, 0.7), (1.0, 1.0, 1.0)])
+    forces = np.array([(0.0, 2.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -3.0)])
+    found = []
+    for many in (True, False):
+        scene = block()
+        scene.fix("a:z0")
+        if many:
+            scene.point_force("a", points, 0.5 * forces, name="rain", factor=2.0)
+        else:
+            for point, force in zip(points, forces, strict=True):
+                scene.point_force("a", point, force)
+        found.append(lf.solve(lf.assemble(scene)).displacement("a").x.array)
+    assert found[0] == pytest.approx(found[1], rel=1e-12, abs=1e-12 * np.abs(found[1]).max())
+
+
+def test_forces_at_many_points_name_what_does_not_fit() -> None:
+    scene = block()
+    with pytest.raises(lf.SceneError, match=r"points of shape \(2, 3\) and forces of shape \(1, 3\)"):
+        scene.point_force("a", np.zeros((2, 3)), np.zeros((1, 3)))
+    with pytest.raises(lf.SceneError, match="factor = 2.* of one point"):
+        scene.point_force("a", (0, 0, 0), (1.0, 0, 0), factor=2.0)
+
+
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 def test_remote_forces_have_their_resultants(cell: str) -> None:
     scene = lf.Scene()

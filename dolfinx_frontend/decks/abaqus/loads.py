@@ -256,15 +256,27 @@ class Loads:
             if key[0] == "f" and key[1] not in self.links.others and any(v for _, v in curve):
                 by_node.setdefault(key[1], {})[key[2]] = curve
                 givers[key[1]] = self.history.given[key]
-        zero: Curve = ((0.0, 0.0),)
+        groups: dict[tuple[int, str, Curve], dict[int, Array]] = {}
+        first: dict[int, Given] = {}
         for node, curves, given in self.links.forces(by_node, givers):
             if max(curves) > self.dim:
                 raise given.error(f"component {max(curves)} of a node of a solid; give forces along axes")
-            p = self.mesh.pieces_of_node[node][0]
-            x = listed(self.mesh.x[node, : self.dim])
+            first[node] = given
+            of_set = "" if str(given.target).isdigit() else str(given.target)
+            for component, curve in curves.items():
+                most = max((v for _, v in curve), key=abs)
+                if most:  # what grows alike on one set, or on single nodes, is one load
+                    alike = tuple((t, v / most) for t, v in curve)
+                    group = groups.setdefault((self.mesh.pieces_of_node[node][0], of_set, alike), {})
+                    group.setdefault(node, np.zeros(self.dim))[component - 1] += most
+        for (p, of_set, curve), forces in groups.items():
+            nodes = list(forces)
+            given = first[nodes[0]]
+            label = of_set or ("of nodes" if len({first[n].target for n in nodes}) > 1 else given.target)
             with placed(given.row.where, given.card.keyword):
-                force = tuple(self.history.value(curves.get(k, zero)) for k in range(1, self.dim + 1))
-                scene.point_force(self.mesh.pieces[p].name, x, force, self._name(f"force {given.target}"))
+                x, name = self.mesh.x[nodes, : self.dim], self._name(f"force {label}")
+                every, value = np.array(list(forces.values())), self.history.value(curve)
+                scene.point_force(self.mesh.pieces[p].name, x, every, name, value)
 
     def _body_forces(self, scene: Scene, densities: Mapping[str, float]) -> None:
         groups: dict[tuple[Any, ...], set[int]] = {}
