@@ -23,7 +23,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt, Interrupted
 from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.estimate.by_points import by_panels, by_samples
-from dolfinx_frontend.estimate.by_rules import by_long_rules, by_rules
+from dolfinx_frontend.estimate.by_rules import by_rules
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
@@ -661,14 +661,12 @@ class _Search:
             if judges is None:
                 judges = few_witnesses(result, quantity, of_seen, complete, self.target)
                 self._look_far(quantity, judges)
-            found = self._of_scores(quantity, each) if self.tails else None
-            if found is None and not self._alone():
+            found = None
+            if not self._alone():
                 found = by_rules(result, quantity, self.target, rtol, judges, self.keep)
                 if found is not None and self.tails:
                     found = found[0], beside_tails(found[1], self.tails, result.space, judges.points)
                     found = found if found[1].total <= self.accuracy else None
-            if found is None and not self.tails:
-                found = self._of_scores(quantity, each)
             if found is None and result.space.continuous == (True,) and not self._endless():
                 found = by_panels(result, quantity, self.target, each, self.keep, judges, self.tails)
             if found is not None:
@@ -678,13 +676,6 @@ class _Search:
         samples, made, notes = by_samples(result, quantity, target, each, seen, self.keep, most, tails)
         self.notes += notes
         return samples, made
-
-    def _of_scores(self, quantity: Wanted, rtol: float) -> tuple[SampleResult, Errors] | None:
-        """Rules in the normal scores of several germs, if there are no kinks."""
-        smooth = isinstance(quantity, Resultant) and not self.result.collocations
-        if not smooth or self._endless() or self.result.space.dimension == 1:
-            return None
-        return by_long_rules(self.result, quantity, self.target, rtol, self.tails)
 
     def _found(self, made: Errors) -> ChaosResult:
         halving = partial(next_halving, self.result)

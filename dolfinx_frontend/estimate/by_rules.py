@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -15,16 +14,12 @@ from dolfinx_frontend.estimate.errors import FINEST, complete, size_of, whole_of
 from dolfinx_frontend.estimate.kinks import all_states_of, error_by_kinks
 from dolfinx_frontend.estimate.points import (
     EXACT,
-    FARTHEST,
-    SAFE,
     Witnesses,
-    checked_cold,
     misfit,
     solved,
     solved_alone,
     surrogate,
 )
-from dolfinx_frontend.estimate.tails import FINE, Tail
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.resultant import Wanted
@@ -32,7 +27,7 @@ from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-__all__ = ["NextDegree", "by_long_rules", "by_rules", "next_degree"]
+__all__ = ["NextDegree", "by_rules", "next_degree"]
 
 RULES, TIGHT_RULES, TIGHT_TO = (3, 5, 7, 9, 12, 16, 20), (4, 6, 8, 10, 12, 16, 20), 5e-4
 """Points per germ of the rules that are tried one after the other; the second ones from an accuracy on."""
@@ -49,11 +44,6 @@ BEYOND = 2.0
 
 HIGHEST = 0.999
 """Leverage of a point at most."""
-
-LONG_RULES, MOST_LONG = ((24, 5), (32, 7), (40, 10), (48, 14), (56, 20), (64, 28), (72, 40)), 4096
-"""Points of the rules that reach far out, along germs with tails and along others, and of all at most."""
-
-BEYOND_ALL = ", and what is beyond them"
 
 AGAIN = 2
 """Points of a rule that are solved again, to a hundredth of the tolerance."""
@@ -170,79 +160,6 @@ def _at_kinks(samples: SampleResult, values: Array, seen: Witnesses, value: Mean
         rule[order], samples.probabilities[order], at, every, states, value.mean
     )
     return MeanStd(of_first, of_second / (2.0 * value.std))
-
-
-def by_long_rules(
-    result: ChaosResult, quantity: Wanted, target: float, rtol: float, tails: Sequence[Tail] = ()
-) -> tuple[SampleResult, Errors] | None:
-    """Tensor rules in the normal scores of few germs for a smooth quantity; None: they do not converge.
-
-    The inverse of a sum of stiffnesses is close to an exponential of normal scores, where in the germs of
-    Gamma's or Beta's laws it has a singularity at the end. Gauss-Hermite points do, and along a germ with one
-    of the `tails` Gauss-Legendre points to its last point, which stands for all that is beyond: q^2 times the
-    density is a wide bell. What one rule changes to the next is its error.
-    """
-    space, rtol = result.space, min(rtol, FINE)
-    heavy = {tail.germ for tail in tails}
-    before: MeanStd | None = None
-    for long, short in LONG_RULES:
-        rules = [
-            _long_rule(space, germ, [t for t in tails if t.germ == germ], long)
-            if germ in heavy
-            else _short_rule(space, germ, short)
-            for germ in range(space.dimension)
-        ]
-        if np.prod([len(w) for _, w in rules]) > MOST_LONG:
-            return None
-        grid = np.meshgrid(*(at for at, _ in rules), indexing="ij")
-        points = np.stack(grid, axis=-1).reshape(-1, len(rules))
-        weights = reduce(np.multiply.outer, (w for _, w in rules)).ravel()
-        samples = _solved(result, points, weights, rtol, quantity)
-        value = samples.mean_std(quantity)
-        if before is not None:
-            size, whole = size_of(value, quantity), whole_of(value, rtol, quantity) or 0.0
-            spread = value.std or 0.0
-            # the quantity is as far off where the other germs are elsewhere, by more in the square
-            off = [SAFE * sum(tail.off()[power] for tail in tails) for power in (0, 1)]
-            of_mean = abs(value.mean - before.mean) + off[0]
-            of_std = abs(spread - (before.std or 0.0)) + share_of(off[1], 2.0 * spread)
-            if max(share_of(of_mean, size), share_of(of_std, whole)) <= 0.5 * target:
-                values = quantity.at_end(samples, samples)
-                away = checked_cold(result, samples, quantity, values, tails=True)
-                if not away <= 0.3 * target * min(size, whole):
-                    return None
-                how = f"the change to {len(points)} points of normal scores" + BEYOND_ALL * bool(tails)
-                truncation = ErrorShare(np.nan, of_mean, of_std, how)
-                made = of_solved_again(samples, away, truncation, quantity, value, whole)
-                seconds = sum(samples.seconds.values())
-                return samples, replace(made, next_halving=f"more such points, above {seconds:.2g} s")
-        before = value
-    return None
-
-
-def _long_rule(space: RandomSpace, germ: int, tails: Sequence[Tail], count: int) -> tuple[Array, Array]:
-    """Values (n,) of a germ and weights (n,) of its whole range, with the last points of its tails."""
-    ends = {np.sign(tail.end): tail.end for tail in tails}
-    lower, upper = ends.get(-1.0, -FARTHEST), ends.get(1.0, FARTHEST)
-    at, weights = np.polynomial.legendre.leggauss(count)
-    half = 0.5 * (upper - lower)
-    z = np.zeros((count, space.dimension))
-    z[:, germ] = lower + half * (1.0 + at)
-    density = np.exp(-0.5 * z[:, germ] ** 2) / np.sqrt(2.0 * np.pi)
-    points = [*space.from_normal(z)[:, germ], *(tail.point[germ] for tail in tails)]
-    return np.array(points), np.array([*(half * weights * density), *(tail.weight for tail in tails)])
-
-
-def _short_rule(space: RandomSpace, germ: int, count: int) -> tuple[Array, Array]:
-    """Values and weights (n,) of a Gauss rule in the normal score of a germ; of a discrete one its own."""
-    if not space.continuous[germ]:
-        counts = [1] * space.dimension
-        counts[germ] = min(count, space.germs[germ].capacity or count)
-        rule = space.tensor_gauss(counts)
-        return np.asarray(rule.points)[:, germ], np.asarray(rule.weights)
-    z = np.zeros((count, space.dimension))
-    z[:, germ], weights = np.polynomial.hermite_e.hermegauss(count)
-    return space.from_normal(z)[:, germ], weights / weights.sum()
 
 
 def _solved(

@@ -89,9 +89,6 @@ AT_DEGREE, MOST_RAISED = 0.32, 0.8
 270 degrees keeps (2 / 3)^(4 0.54) = 0.42 of its error then, 0.71 of the change, which is `MARGIN` times what
 this factor says; clamped corners keep 0.3, smooth answers less. With less of it in them it is the least."""
 
-MOST_BESIDE = 2.0
-"""What a change is beside what estimates foretell, relative to itself: at most."""
-
 BLIND = 3.0
 """Times the estimate before that a change is if estimates do not see what changes."""
 
@@ -103,9 +100,6 @@ and the least that is believed of it."""
 FEW_UNKNOWNS = {2: 400, 3: 3000}
 """Unknowns by dimension below which one mesh is not believed alone, nor its change to a second one: glue of
 layers of a few cells was 3.8 % off where 2.0 % was said."""
-
-LEAST_AT_EDGES = 0.25
-"""Share of a change that edges of contact zones are taken for at least."""
 
 SURE = 2.0
 """Times the estimate without cancellation that one mesh alone must be better than asked."""
@@ -228,7 +222,6 @@ class Judged:
         self.edges: dict[str, Array] = {}
         self.alike: dict[str, list[tuple[int, bytes]]] = {}
         self.points: list[dict[str, int]] = []
-        self.corrections: list[float | None] = []
         self.of_first_value = ""
         self.of_itself: Wanted | None = None
         self.of_itself_since = 0
@@ -306,13 +299,10 @@ class Judged:
             self.raised[len(self.steps)] = share
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         across = self._look_at_contacts(result)
-        self.corrections.append(found.correction)
         self.leasts.append(least)
         estimate *= self._over_said(value, self.estimates)
         least *= self._over_said(value, self.leasts)
         seen = self._change(value) if self.weighted else self._change_alone(value)
-        if self.weighted and self._beside_curved():
-            seen = float(np.fmax(seen, estimate + self._unexplained(value)))
         said, how = estimate, "recovered stresses"
         if not self.weighted:
             said, how = seen, "the change from mesh to mesh"
@@ -740,33 +730,12 @@ class Judged:
         if self.read and self._beside_curved():  # between the points of an interface nothing is estimated
             falls = np.maximum(falls, HALVED)
         if self.edges:
-            falls = np.maximum(falls, self._fastest())
+            falls = np.maximum(falls, AT_EDGES)
         left, since = 0.0, 1.0
         for change, fall in zip(changes[::-1], falls[::-1], strict=True):
             since *= fall if since == 1.0 else fall * FORGOTTEN
             of_one = since / np.sqrt(1.0 - fall**2) if value is None else since / (1.0 - fall)
             left = max(left, float(change * of_one))
-        return left
-
-    def _unexplained(self, value: float | None) -> float:
-        """What is left of the part of the changes from mesh to mesh that the estimates do not foretell, with
-        their signs: where a contact slips or opens on one mesh and not on another, slopes at the answer know
-        nothing of it. NaN: there is one mesh only, or no estimate with a sign.
-
-        It falls as at the edge of a contact zone, in steps that give the contact more points.
-        """
-        if not self.steps or value is None or any(each is None for each in self.corrections):
-            return np.nan
-        changes = np.diff(np.array([step.value for step in self.steps] + [value], dtype=np.float64))
-        foretold = -np.diff(np.array(self.corrections, dtype=np.float64))
-        # a change that is less than foretold, in the same direction, is in the estimate
-        sizes = np.abs(changes)
-        beside = np.clip(sizes - foretold * np.sign(changes), 0.0, MOST_BESIDE * sizes)
-        left, since = 0.0, AT_EDGES
-        for change, more in zip(beside[::-1], self._more_points()[::-1], strict=True):
-            left = max(left, share_of(float(change), self._size(value)) * since / (1.0 - AT_EDGES))
-            if more:
-                since *= AT_EDGES * FORGOTTEN
         return left
 
     def _more_points(self) -> list[bool]:
@@ -827,24 +796,6 @@ class Judged:
         if fall == RATE:
             last = max(last, before)
         return float(max(last, FORGOTTEN * slow * before) * fall / (1.0 - fall))
-
-    def _fastest(self) -> float:
-        """The least factor by which an error is taken to fall: what is unseen need not do as an estimate.
-
-        Of a change of meshes only as much is due to the edges of contact zones as parts beside them have
-        become better, of all parts.
-        """
-        if not self.edges or len(self.by_part) < 2:
-            return AT_EDGES if self.edges else self._fastest_of_step(len(self.by_part) - 1)
-        assert self.problem is not None
-        sides = [side for name in self.edges for side in self.problem.interfaces[name].sides[:1]]
-        beside = {side.substructure for side in sides}
-        better = {n: max(self.by_part[-2][n] - each, 0.0) for n, each in self.by_part[-1].items()}
-        share = sum(each for n, each in better.items() if n in beside) / max(sum(better.values()), 1e-300)
-        share = max(share, LEAST_AT_EDGES)
-        fastest = self._fastest_of_step(len(self.by_part) - 1)
-        left = share * AT_EDGES / (1.0 - AT_EDGES) + (1.0 - share) * fastest / (1.0 - fastest)
-        return left / (1.0 + left)
 
     def _fastest_of_step(self, mesh: int) -> float:
         """The same of the step to a mesh, by its number, without edges of contact zones."""
@@ -1034,7 +985,7 @@ class Judged:
 
     def _carried_on(self, before: float, after: float, mesh: int) -> float:
         """What the change of a deviation since an earlier mesh, by its number, says of what is left."""
-        each = self._fastest() if self.edges else FASTEST
+        each = AT_EDGES if self.edges else FASTEST
         since = range(mesh + 1, len(self.steps))
         least = float(np.prod([max(each, self._fastest_of_step(k)) for k in since]))
         most = float(np.prod([AT_DEGREE if self.raised.get(k, 0.0) > MOST_RAISED else 1.0 for k in since]))

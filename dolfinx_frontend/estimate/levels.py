@@ -1,18 +1,15 @@
-"""Scatter that is found on a coarse mesh and solved once on a fine one.
+"""Scatter of nonlinear laws that is found on a coarse mesh and solved at few points of a fine one.
 
-How many modes or points a quantity needs hardly depends on the mesh: the search for them, with its witnesses,
-is made where points are cheap. What it says of the error is carried over relative to mean and deviation.
-
-Of points the fine mesh gets as few as the coarse one says are enough, and every one of them is compared with
-the same point of the coarse mesh: what the meshes change is smooth, and an iteration that has stopped at
-another state stands out.
+How many points a quantity needs hardly depends on the mesh: the search for them, with its witnesses, is made
+where points are cheap. The fine mesh gets as few as the coarse one says are enough, and every one of them is
+compared with the same point of the coarse mesh: what the meshes change is smooth, and an iteration that has
+stopped at another state stands out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +19,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
-from dolfinx_frontend.estimate.errors import FINEST, complete, errors, next_halving, size_of, whole_of
+from dolfinx_frontend.estimate.errors import FINEST, complete, errors, size_of, whole_of
 from dolfinx_frontend.estimate.points import SETS, SURE, calibrated, solved, wide_points
 from dolfinx_frontend.kernel.fitting import solver_of
 from dolfinx_frontend.kernel.solver import Solver
@@ -33,14 +30,10 @@ from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solvers.galerkin import carry_on
 from dolfinx_frontend.solvers.sampling import sample_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["CoarsePoints", "FinePoints", "coarse_points", "fine_points", "of_two_meshes"]
-
-LESS = 0.7
-"""Share of what the meshes leave of the accuracy that the search on the coarse mesh may use."""
+__all__ = ["CoarsePoints", "FinePoints", "coarse_points", "fine_points"]
 
 OF_COARSE, OF_RULE = 0.5, 0.5
 """Shares of what the meshes leave of the accuracy: of the points of the coarse mesh, and of the fine one."""
@@ -68,75 +61,6 @@ LEAST_REST, CERTAIN = 2, 0.975
 
 OF_TWO = 0.02
 """Accuracy below which two points per germ do not tell enough of a change from mesh to mesh."""
-
-
-def of_two_meshes(
-    coarse: ChaosResult,
-    fine: ChaosResult,
-    accuracy: float,
-    quantity: Resultant,
-    known: ErrorShare,
-    method: Method,
-    settings: Mapping[str, Any],
-) -> ChaosResult | None:
-    """The chaos of a fine mesh with the modes of a coarse one; None: it has to be found on the fine mesh.
-
-    Parameters
-    ----------
-    coarse, fine
-        Of order 1, on the first and on the last mesh.
-    known
-        Error of the last mesh.
-
-    Random fields have other modes on other meshes, and where laws are nonlinear points answer.
-    """
-    if fine.random.of_fields or coarse.collocations or fine.collocations or coarse.problem is fine.problem:
-        return None
-    if coarse.space.germ_names != fine.space.germ_names:
-        return None
-    value = fine.mean_std(quantity)
-    whole = max(value.std or 0.0, quantity.compared.least)
-    of_mean = share_of(known.quantity or 0.0, size_of(value, quantity))
-    of_meshes = max(of_mean, share_of(known.std or 0.0, whole))
-    if not of_meshes < np.inf:
-        return None  # it is not known
-    left = min(max(0.1 * of_meshes, accuracy - of_meshes), 0.5)
-    found = solve_to_accuracy(
-        coarse.problem, max(LESS * left, 1e-10), quantity, method, meshes=False, first=coarse, **settings
-    )
-    if not isinstance(found, ChaosResult) or found.status != "converged":
-        return None
-    of_coarse = found.errors()
-    if not of_coarse.reached or of_coarse.moments is None:
-        return None
-    result = carry_on(fine, found.chaos, found.plan.options.rtol)
-    complete(result)
-    if result.status != "converged":
-        return None
-    after = result.mean_std(quantity)
-    falls = max(result.error / max(found.error, 1e-300), 1.0)
-    made = Errors(
-        _carried(of_coarse.algebraic, of_coarse, after, falls),
-        _carried(of_coarse.truncation, of_coarse, after),
-        known,
-        quantity,
-        after,
-        whole_of(after, max(result.error, 1e-13), quantity),
-        asked=accuracy,
-        notes=of_coarse.notes,
-    )
-    return result.with_notes(found=replace(made, next_halving=partial(next_halving, result)(made)))
-
-
-def _carried(share: ErrorShare | None, before: Errors, after: MeanStd, factor: float = 1.0) -> Any:
-    """An error of the coarse mesh relative to the answer on the fine one."""
-    if share is None or before.moments is None:
-        return None
-    assert before.quantity is not None
-    size, whole = size_of(before.moments, before.quantity), before.whole or 1.0
-    mean = factor * share_of(share.quantity or 0.0, size) * size_of(after, before.quantity)
-    std = factor * share_of(share.std or 0.0, whole) * max(after.std or 0.0, before.quantity.compared.least)
-    return ErrorShare(factor * share.energy, mean, std, f"{share.how}, on the first mesh")
 
 
 # --- points -----------------------------------------------------------------------------------------

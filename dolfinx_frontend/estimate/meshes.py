@@ -40,15 +40,13 @@ from dolfinx_frontend.estimate.cells import cells_of
 from dolfinx_frontend.estimate.errors import FINEST, compared_with, why_stopped
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import MARGIN, Judged
-from dolfinx_frontend.estimate.levels import of_two_meshes
 from dolfinx_frontend.estimate.unseen import one_cell_across
 from dolfinx_frontend.estimate.zones import soft_springs
 from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import ErrorShare
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, interest
+from dolfinx_frontend.results.resultant import Compared, Interest, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import SubstructureSpec
@@ -173,7 +171,6 @@ class _Meshes(Judged):
         if not RandomLaws.of(problem).every:
             return tight_enough(self.result, self.accuracy, self.quantity, known=self.share)
         known: Result | SampleResult | None = self._of_points(method, options, settings)
-        known = known or self._on_two_meshes(method, settings)
         return known or solve_to_accuracy(
             problem,
             self.accuracy,
@@ -240,16 +237,6 @@ class _Meshes(Judged):
             return None
         made = self.fine.made
         return with_errors(self.fine.samples, made, self.accuracy, self._of_random(), made.notes)
-
-    def _on_two_meshes(self, method: Method, settings: Mapping[str, Any]) -> ChaosResult | None:
-        """The chaos that the first mesh finds, on the last one."""
-        known, last, first = self._of_random(), self.chaos, self.of_first
-        if known is None or last is None or first is None or not isinstance(self.quantity, Resultant):
-            return None
-        assert self.result is not None
-        if last.problem is not self.problem:
-            return None
-        return of_two_meshes(first, last, self.accuracy, self.quantity, known, method, settings)
 
     def _of_random(self) -> ErrorShare | None:
         """The error of the meshes, for an answer with a deviation."""
