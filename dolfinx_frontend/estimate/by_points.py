@@ -93,6 +93,10 @@ QUANTILE_ROUNDS = 5
 SEEN_TO = 0.05
 """Accuracy from which on points far out judge, too."""
 
+FAR_AWAY, FAR_OUT = 1.0, 1e-3
+"""Normal score of what the deviation comes from beyond which it is drawn on its own, and share of the
+variance that a point far out lacks of it to be taken for that."""
+
 FEW_BEYOND = 5e-3
 """Probability of the piece of a tail of a germ that hardly a sample is in."""
 
@@ -301,12 +305,13 @@ def _most_samples(result: ChaosResult) -> int:
 
 
 def _drawn(
-    space: RandomSpace, each: int
+    space: RandomSpace, each: int, centre: Array | None
 ) -> tuple[Array, Array, Ints, list[tuple[int, int, int]]]:
     """Points (n, L), weights (n,), numbers of the sets (n,) and names of the points, the same ones in larger
     sets of the same germs."""
-    sets = [wide_points(space, each, seed) for seed in range(SETS)]
-    names = [(k, kind, i) for k in range(SETS) for kind in range(2) for i in range(each // 2)]
+    sets = [wide_points(space, each, seed, centre) for seed in range(SETS)]
+    counts = [each // 2, each // 2] if centre is None else [each // 2, each // 4, each // 4]
+    names = [(k, kind, i) for k in range(SETS) for kind, count in enumerate(counts) for i in range(count)]
     points = np.concatenate([p for p, _ in sets])
     weights = np.concatenate([w / w.sum() for _, w in sets]) / SETS
     labels: Ints = np.repeat(np.arange(SETS, dtype=np.int64), each)
@@ -336,6 +341,7 @@ class _Samples:
         self.result, self.quantity, self.rtol = result, quantity, rtol
         self.space = result.space
         self.smooth = not result.collocations and isinstance(quantity, Resultant)
+        self.centre: Array | None = None
         self.samples: SampleResult | None = None
         self.names: list[tuple[int, int, int]] = []
         self.values: Array = np.zeros(0)
@@ -348,7 +354,7 @@ class _Samples:
 
     def grow(self, each: int) -> SampleResult:
         """Solve what sets of this size have more."""
-        points, weights, labels, names = _drawn(self.space, each)
+        points, weights, labels, names = _drawn(self.space, each, self.centre)
         place = {name: k for k, name in enumerate(names)}
         known = set(self.names)
         new = [name for name in names if name not in known]
@@ -520,9 +526,9 @@ class _Samples:
 
     def _many(self, count: int, seed: int) -> tuple[Array, Array]:
         """Points of a set by which what stands for the quantity is integrated, and their weights."""
-        key = count, seed
+        key = count, seed, None if self.centre is None else tuple(self.centre)
         if key not in self._known:
-            points, weights = wide_points(self.space, count, 1000 + seed)
+            points, weights = wide_points(self.space, count, 1000 + seed, self.centre)
             self._known[key] = points, calibrated(self.space, points, weights, most=MOST_BESIDE)
         return self._known[key]
 
@@ -586,6 +592,20 @@ class _Samples:
         of_mean = max(0.5 * size * min(size / std, 1.0), float(alone @ np.abs(rest)))
         of_std = max(SAFE * (float(np.sqrt(std**2 + size**2)) - std), 0.5 * float(square) / std)
         return MeanStd(of_mean, of_std)
+
+    def look_far(self, seen: Witnesses | None, fit: Hinged | None) -> None:
+        """Draw where the deviation comes from, if that is far out."""
+        if self.centre is not None or self.samples is None or not self._spread() > 0.0:
+            return
+        z = normal_scores(self.space, self.samples.germs)
+        share = self.drawn * (self.values - self.drawn @ self.values) ** 2
+        middle = share @ z / share.sum()
+        if seen is not None and fit is not None and len(seen.points):
+            rest = seen.tails * (seen.values - fit(self.space, seen.points)[:, -1]) ** 2
+            if rest.max() > FAR_OUT * share.sum():
+                middle = normal_scores(self.space, seen.points[[int(np.argmax(rest))]])[0]
+        if float(np.linalg.norm(middle)) > FAR_AWAY:
+            self.centre = middle
 
 
 def by_samples(
@@ -688,6 +708,7 @@ def by_samples(
             break
         if drawn.look_along((factor - 1) * total, target, tails):
             continue
+        drawn.look_far(far, fit)
         each = min(each * factor, most // SETS)
     samples = drawn.weighted(said)
     made = of_solved_again(samples, away, said.truncation, quantity, said.value, whole)

@@ -158,23 +158,31 @@ DIFFERENT = 1e-6
 
 
 # --- points -----------------------------------------------------------------------------------------
-def wide_points(space: RandomSpace, count: int, seed: int) -> tuple[Array, Array]:
-    """Points (count, L) of the germs and weights (count,) of mean about 1; half of a power of two each."""
+def wide_points(
+    space: RandomSpace, count: int, seed: int, centre: Array | None = None
+) -> tuple[Array, Array]:
+    """Points (count, L) of the germs and weights (count,) of mean about 1; half of a power of two each.
+
+    `centre`: normal scores (L,) of what happens far out and seldom: half of the wider ones are drawn there.
+    """
     stop_if_pressed()
     dimension = space.dimension
+    nowhere: Array = np.zeros(dimension)
     wide = float(np.sqrt(1.0 + 3.0 / dimension))
+    kinds: list[tuple[Array, float, int]] = [(nowhere, 1.0, count // 2), (nowhere, wide, count // 2)]
+    if centre is not None:
+        kinds[1:] = [(nowhere, wide, count // 4), (centre, 1.0, count // 4)]
     tiny = 2.0**-54
     scores = []
-    for kind, scale in enumerate((1.0, wide)):
-        unit = sobol_points(dimension, count // 2, np.random.default_rng([seed, kind]))
-        scores.append(scale * special.ndtri(np.clip(unit, tiny, 1.0 - tiny)))
+    for kind, (middle, scale, number) in enumerate(kinds):
+        unit = sobol_points(dimension, number, np.random.default_rng([seed, kind]))
+        scores.append(middle + scale * special.ndtri(np.clip(unit, tiny, 1.0 - tiny)))
     z = np.concatenate(scores)
     own = 0.5 * np.sum(z**2, axis=1)
-    # density of the mixture, over that of the germs
-    density = np.zeros(len(z))
-    for scale in (1.0, wide):
-        away = own * (1.0 - 1.0 / scale**2) - dimension * np.log(scale)
-        density += 0.5 * np.exp(np.minimum(away, 700.0))
+    density = np.zeros(len(z))  # of the mixture, over that of the germs
+    for middle, scale, number in kinds:
+        away = own - 0.5 * np.sum((z - middle) ** 2, axis=1) / scale**2 - dimension * np.log(scale)
+        density += number / count * np.exp(np.minimum(away, 700.0))
     return space.from_normal(np.clip(z, -FARTHEST, FARTHEST)), np.asarray(1.0 / density, dtype=np.float64)
 
 
