@@ -231,12 +231,13 @@ def components(
     return values, shapes
 
 
-def point_forces(where: str, points: Any, forces: Any, count: int) -> tuple[Any, Any]:
+def point_forces(where: str, points: Any, forces: Any, count: int | None) -> tuple[Any, Any]:
     """Points and the forces at them, both (n, d) plain numbers."""
     shape = np.shape(points)
-    if shape[0] == 0 or shape != np.shape(forces) or shape[1] != count:
+    if shape[0] == 0 or shape != np.shape(forces) or (count is not None and shape[1] != count):
+        wanted = f"(n, {count or 'd'})"
         raise SceneError(
-            f"{where}: points of shape {shape} and forces of shape {np.shape(forces)}; give both as (n, {count})"
+            f"{where}: points of shape {shape} and forces of shape {np.shape(forces)}; give both as {wanted}"
         )
     wanted = "give finite numbers"
     first = checked_numbers(where, "point", points, wanted, dimensions=2)
