@@ -241,6 +241,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "pieces",
         "transposed",
         "mesh_error",
+        "balanced_cells",
         "balanced_parts",
         "balanced_laws",
         "equilibrated",

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import basix
 import numpy as np
 from latin_core import Equilibration
 
-from dolfinx_frontend.assembly.elements import tabulate
+from dolfinx_frontend.assembly.elements import quadrature, tabulate
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.matrix_part import has_mesh
+from dolfinx_frontend.assembly.part_loads import FaceOf
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.balanced_cells import FACET_OF, Tables, cut, simplex_shapes
 from dolfinx_frontend.scene.materials import VOIGT
 
 __all__ = [
-    "MORE",
     "SETTINGS",
     "Body",
     "Inputs",
@@ -66,7 +68,11 @@ SETTINGS = Settings()
 MORE = 2
 """Degree beyond products of shape functions to which tractions are integrated: those that are none show."""
 
-_CELLS = ("triangle", "tetrahedron")
+_SQUARE = ((0, 1), (0, 2), (1, 3), (2, 3))
+"""Edges of a square, as basix has them."""
+
+_MOST = 20_000_000
+"""Numbers that are worked on at once."""
 
 
 def refused(why: str) -> SceneError:
@@ -82,10 +88,10 @@ class Body:
             raise refused(f"{where} is a matrix, of which no stress is known")
         mesh, element = part.part.mesh, part.space.element.basix_element
         self.cell, self.degree = str(mesh.topology.cell_name()), int(element.degree)
-        if self.cell not in _CELLS or self.degree > 2:
+        if self.degree > 2:
             raise refused(
-                f"{where} has {self.cell} cells of degree {self.degree}; triangles and tetrahedra of degree "
-                "1 and 2 have stresses in balance"
+                f"{where} has {self.cell} cells of degree {self.degree}; cells of degree 1 and 2 have "
+                "stresses in balance"
             )
         if part.around:
             raise refused(f"{where} is the section of a body of revolution")
@@ -99,35 +105,54 @@ class Body:
         at_vertex = np.array([each[0] for each in element.entity_dofs[0]])
         self.vertices = dofs[:, at_vertex]
         self.dofs, self.at_vertex = dofs, at_vertex
-        self.x = part.dof_coordinates[self.vertices]  # (cells, d + 1, d)
+        self.x = part.dof_coordinates[self.vertices]  # (cells, vertices, d)
+        self.corners = np.asarray(basix.geometry(basix.CellType[self.cell]))
+        units = [int(np.argmin(np.abs(self.corners - axis).sum(axis=1))) for axis in np.eye(d)]
+        self.edges = np.swapaxes(self.x[:, units] - self.x[:, :1], 1, 2)  # (cells, d, d) of the map
+        affine = self.x[:, :1] + np.einsum("vm,ckm->cvk", self.corners, self.edges)
+        if np.any(np.abs(affine - self.x).max(axis=(1, 2)) > SETTINGS.rounding * self._sizes):
+            raise refused(f"{where} has cells that are no parallelograms or parallelepipeds")
+        middles = 0.5 * (self.corners[:, None] + self.corners)
+        points = np.asarray(element.points)
+        self.between = np.argmin(np.abs(middles[:, :, None] - points).sum(axis=3), axis=2)
         self.force = np.zeros((len(dofs), d))
         self.acting = np.zeros_like(self.u)  # nodal forces of all loads and joints
         self.held = np.zeros((len(self.u), part.dim, part.dim))  # what supports take
         self.change = np.zeros_like(self.u)  # what these do
         self.lifted = np.zeros_like(self.u)  # to a displacement that is admissible
-        self.facets: list[tuple[Ints, Ints, Array, Array]] = []
-        self.initial = np.zeros((len(dofs), d + 1, len(matrix)))
+        self.facets: list[_Facets] = []
+        self.initial = np.zeros((*self.x.shape[:2], len(matrix)))
+
+    def number(self, numbers: Ints) -> None:
+        """Cut the cells along numbers (nodes,) of the nodes, that grow along like edges of like cells."""
+        self.numbers = numbers
+        self.order = numbers[self.vertices]
+        self.local = cut(self.cell, self.order)  # (cells, simplices, d + 1)
+
+    def nodes_of(self, cells: Ints, local: Ints) -> Ints:
+        """(cells, simplices, nodes): those of simplices of vertices (cells, simplices, k), then of their edges."""
+        found = [self.at_vertex[local]]
+        if self.degree > 1:
+            pairs = combinations(range(local.shape[2]), 2)
+            found.append(np.stack([self.between[local[..., i], local[..., j]] for i, j in pairs], axis=2))
+        inside = np.concatenate(found, axis=2)
+        return np.asarray(self.dofs[cells[:, None, None], inside])
+
+    @property
+    def _sizes(self) -> Array:
+        return np.asarray(np.ptp(self.x, axis=1).max(axis=1))
 
     @property
     def volumes(self) -> Array:
-        """(cells,)."""
-        edges = self.x[:, 1:] - self.x[:, :1]
-        return np.asarray(np.abs(np.linalg.det(edges)) / (2.0 if self.part.dim == 2 else 6.0))
+        """(cells,) per volume of the reference cell."""
+        return np.asarray(np.abs(np.linalg.det(self.edges)))
 
-    def corners(self, numbers: Ints) -> tuple[Ints, Ints]:
-        """Vertices (cells, d + 1) by their numbers, ascending, and nodes (cells, nodes), of edges last."""
-        own = numbers[self.vertices]
-        self.order = np.argsort(own, axis=1)
-        nodes = [np.take_along_axis(self.vertices, self.order, axis=1)]
-        if self.degree > 1:
-            edges = basix.topology(basix.CellType[self.cell])[1]
-            of_edge = np.zeros((len(self.at_vertex),) * 2, dtype=np.int64)
-            for (i, j), found in zip(edges, self.element.entity_dofs[1], strict=True):
-                of_edge[i, j] = of_edge[j, i] = found[0]
-            pairs = [(i, j) for i in range(len(of_edge)) for j in range(i + 1, len(of_edge))]
-            local = np.stack([of_edge[self.order[:, i], self.order[:, j]] for i, j in pairs], axis=1)
-            nodes.append(np.take_along_axis(self.dofs, local, axis=1))
-        return np.take_along_axis(own, self.order, axis=1), np.concatenate(nodes, axis=1)
+    def spread(self, force: Array) -> Array:
+        """Nodal forces (nodes, d) of a force (d,) per volume."""
+        x, w = quadrature(self.element.cell_type, self.degree * self.part.dim)
+        each = np.outer(self.volumes, w @ tabulate(self.element, 0, x)[0])
+        share = np.bincount(self.dofs.ravel(), each.ravel(), len(self.u))
+        return np.outer(share, force)
 
     def straight(self) -> bool:
         """Whether nodes of edges are in their middles."""
@@ -142,7 +167,7 @@ class Body:
         )[0]
         places = np.einsum("nk,cki->cni", shape, self.x)
         off = np.abs(places - self.part.dof_coordinates[self.dofs]).max(axis=(1, 2))
-        return bool(np.all(off <= SETTINGS.rounding * np.ptp(self.x, axis=1).max(axis=1)))
+        return bool(np.all(off <= SETTINGS.rounding * self._sizes))
 
     def energy(self, u: Array) -> float:
         """Twice the strain energy of displacements (nodes, d)."""
@@ -153,94 +178,199 @@ class Body:
         """Of the distance between what is in balance on the mesh and what is admissible."""
         return self.energy(self.lifted - self.change)
 
-    def stress(self) -> Array:
-        """(cells, d + 1, components) of what balances on the mesh, at the vertices in their own order."""
+    def divided(self, more: Array) -> _Divided:
+        """What balances on the mesh, and what tractions have to make up (cells, nodes, d) besides."""
+        d, count = self.part.dim, self.local.shape[1]
+        key = self.local.reshape(len(self.local), -1)
+        ways, which = np.unique(key, axis=0, return_inverse=True)
+        nodes = np.argmax(
+            self.dofs[:, None, None, :] == self.nodes_of(np.arange(len(key)), self.local)[..., None], axis=3
+        )
+        out = _Divided(np.zeros((*self.local.shape, len(self.elasticity))), np.zeros((len(key), *nodes.shape[1:], d)))
+        for way in range(len(ways)):
+            cells = np.flatnonzero(which.ravel() == way)
+            tables = Tables.of(self.element, self.local[cells[0]], nodes[cells[0]])
+            size = d * d * tables.slopes[0, 0].size
+            for some in np.array_split(cells, 1 + len(cells) * size // _MOST):
+                self._divide(out, tables, some, more)
+        return out
+
+    def _divide(self, out: _Divided, tables: Tables, cells: Ints, more: Array) -> None:
+        """The same of cells that are cut in one way."""
         d = self.part.dim
-        reference = np.asarray(basix.geometry(basix.CellType[self.cell]))
-        slopes = tabulate(self.element, 1, reference)[1:]
-        inverse = np.linalg.inv(np.swapaxes(self.x[:, 1:] - self.x[:, :1], 1, 2))
-        u = (self.u + self.change)[self.dofs]
-        gradient = np.einsum("cki,mvk,cmj->cvij", u, slopes, inverse, optimize=True)
+        u, slopes = (self.u + self.change)[self.dofs[cells]], tables.slopes
+        inverse, volume = np.linalg.inv(self.edges[cells]), self.volumes[cells]
+        gradient = np.einsum("cik,misx,cmj->cskxj", u, slopes, inverse, optimize=True)
         strain = np.stack(
             [
-                gradient[..., i, j] if i == j else gradient[..., i, j] + gradient[..., j, i]
+                gradient[:, :, i, :, i] if i == j else gradient[:, :, i, :, j] + gradient[:, :, j, :, i]
                 for i, j in VOIGT[d]
             ],
-            axis=-1,
+            axis=2,
+        )  # (cells, simplices, components, columns)
+        stress = np.einsum("ab,csbx->csax", self.elasticity, strain)
+        initial = np.take_along_axis(
+            self.initial[cells], self.local[cells].reshape(len(cells), -1, 1), axis=1
+        ).reshape(*stress.shape[:2], d + 1, -1)
+        beyond = d + 1 + tables.beyond
+        last = stress[..., beyond:], strain[..., beyond:]
+        out.rest_of[cells] = volume * np.einsum("csax,csax->c", *last)
+        stress[..., : d + 1] -= np.einsum("csva,vx->csax", initial, np.linalg.inv(tables.linear))
+        out.stress[cells] = np.einsum("csax,xv->csva", stress[..., : d + 1], tables.linear)
+        if tables.beyond:
+            if not out.beyond.size:
+                out.beyond = np.zeros((*self.local.shape[:2], stress.shape[2] * tables.beyond))
+            out.beyond[cells] = stress[..., d + 1 : beyond].reshape(*stress.shape[:2], -1)
+        full = np.zeros((*stress.shape[:2], stress.shape[3], d, d))
+        for a, (i, j) in enumerate(VOIGT[d]):
+            full[..., i, j] = full[..., j, i] = stress[:, :, a]
+        less = slopes.copy()
+        less[..., : d + 1] -= tables.own
+        forces = np.einsum("csxkl,cml,misx->cik", full, inverse, less, optimize=True)
+        forces -= tables.excess[:, None] * self.force[cells][:, None]
+        forces = volume[:, None, None] * forces + more[cells]
+        local = np.einsum("cmk,cik->cim", inverse, forces)
+        out.shift[cells] = np.einsum("ckm,samjn,cjn->csak", self.edges[cells], tables.share, local, optimize=True)
+
+    def on_face(self, face: OnFace, traction: Array, held: Array) -> None:
+        """Tractions (m, d) at the points of a face, and a projector (d, d) onto what a support takes."""
+        moments = face.moments(traction)
+        self.facets.append(
+            _Facets(
+                self.numbers[face.nodes[:, : self.part.dim]],
+                np.repeat(face.cells, len(moments) // len(face.cells)),
+                moments,
+                np.tile(held, (len(moments), 1, 1)),
+                face.excess(traction),
+            )
         )
-        return np.asarray(strain @ self.elasticity.T) - self.initial
-
-    def on_face(self, facets: FacetMap, moments: Array, held: Array) -> None:
-        """Moments (facets, nodes, d) of tractions with functions of facets, and a projector (facets, d, d)
-        onto what a support takes."""
-        self.facets.append((facets.cells.astype(np.int64), facets.local.astype(np.int64), moments, held))
 
 
-class OnFace:
-    """A face of a part for tractions at points of a rule."""
+@dataclass
+class _Divided:
+    """The stress of a part on its simplices: (cells, simplices, corners, components) and what they lack besides."""
+
+    stress: Array
+    shift: Array  # (cells, simplices, nodes, d)
+
+    def __post_init__(self) -> None:
+        cells, simplices = self.stress.shape[:2]
+        self.beyond = np.zeros((cells, simplices, 0))
+        self.rest_of = np.zeros(cells)  # energies that no stress in balance has
+
+
+class _Facets(NamedTuple):
+    """Tractions on facets of simplices: their vertices (n, d), cells (n,), moments (n, nodes, d), projectors (n, d, d)
+    and moments with functions of the simplices less those of the cell (n, nodes of the cell, d)."""
+
+    vertices: Ints
+    cells: Ints
+    moments: Array
+    held: Array
+    excess: Array
+
+
+@dataclass(frozen=True)
+class _Hull:
+    """A field by its values at nodes (elements, k), and by Bernstein coefficients, in whose hull it is."""
+
+    nodes: Ints
+    matrix: Array
+
+    def coefficients(self, nodal: Array) -> Array:
+        """(nodes,) of values (nodes,)."""
+        return self._mapped(self.matrix, nodal)
+
+    def values(self, coefficients: Array) -> Array:
+        """(nodes,) of coefficients."""
+        return self._mapped(np.linalg.inv(self.matrix), coefficients)
+
+    def _mapped(self, matrix: Array, given: Array) -> Array:
+        out = given.copy()
+        out[self.nodes] = given[self.nodes] @ matrix.T
+        return out
+
+
+def _bernstein(corners: int, degree: int) -> Array:
+    """Coefficients by values at vertices, edges (0, 1), (0, 2), ...; of a square (corners = 4) and its centre."""
+    if degree == 1:
+        return np.eye(corners)
+    edges = _SQUARE if corners == 4 else list(combinations(range(corners), 2))
+    out = np.eye(corners + len(edges) + (corners == 4))
+    for row, ends in enumerate(edges, start=corners):
+        out[row, row], out[row, list(ends)] = 2.0, -0.5
+    if corners == 4:
+        out[-1] = [0.25] * 4 + [-1.0] * 4 + [4.0]
+    return out
+
+
+class OnFace(FaceOf):
+    """A face of a part for tractions: continuous polynomials of the cells' degree on the facets of the simplices."""
 
     def __init__(self, body: Body, face: str, where: str) -> None:
-        self.map = FacetMap(body.part.part, face, where)
-        at, weights = self.map.rule(2 * body.degree + MORE)
-        index = np.repeat(np.arange(len(self.map)), len(weights))
-        self.x, self.normals, area = self.map.surface(index, np.tile(at, (len(self.map), 1)))
-        self.weights = np.tile(weights, len(self.map)) * area
-        space = body.part.space
-        self.shapes = self.map.alike_shapes(space, at)  # (facets, q, nodes of a facet)
-        self.dofs = self.map.closure_dofs(space)
-        self.corners, self.places = body.part.dim, body.part.dof_coordinates
+        self.body = body
+        super().__init__(body.part, face, where)  # calls _points
+        self.weights_of = self.weights.reshape(len(self.nodes), -1)
+        k, q = self.nodes.shape[1], self.weights_of.shape[1]
+        rows = np.repeat(np.arange(len(self.weights)), k)
+        values = np.tile(self.functions.ravel(), len(self.nodes))
+        shape = (len(self.weights), len(body.u))
+        self.pull = sp.csr_matrix((values, (rows, np.repeat(self.nodes, q, axis=0).ravel())), shape=shape)
+        self.places = body.part.dof_coordinates
 
-    def _by_facet(self, values: Array) -> Array:
-        return values.reshape(*self.shapes.shape[:2], -1)
+    def _points(self, facets: FacetMap, degree: int) -> tuple[Ints, Array, Array]:
+        body, d = self.body, self.body.part.dim
+        self.cells = np.asarray(facets.cells)
+        vertices = np.array(basix.topology(self.body.element.cell_type)[d - 1])[facets.local]
+        inner = cut(FACET_OF[body.cell], np.take_along_axis(body.order[self.cells], vertices, axis=1))
+        local = np.take_along_axis(vertices, inner.reshape(len(inner), -1), axis=1).reshape(inner.shape)
+        nodes = body.nodes_of(self.cells, local)
+        self.nodes = nodes.reshape(-1, nodes.shape[2])  # (facets of simplices, nodes), vertices ascending
+        self.hull = _Hull(self.nodes, _bernstein(d, degree))
+        self.hull_of_jumps = self.hull
+        self.square = vertices.shape[1] == 4
+        if self.square:
+            of_square = [body.at_vertex[vertices]]
+            if degree > 1:
+                ends = vertices[:, [*_SQUARE, (0, 3)]]
+                of_square.append(body.between[ends[..., 0], ends[..., 1]])
+            found = np.take_along_axis(body.dofs[self.cells], np.concatenate(of_square, axis=1), axis=1)
+            self.hull_of_jumps = _Hull(found, _bernstein(4, degree))
+        highest = degree * (d - 1) if self.square else degree
+        x, w = quadrature(basix.CellType[("interval", "triangle")[d - 2]], 2 * highest + MORE)
+        self.functions = simplex_shapes(d - 1, degree, 0, x)[0]  # (q, nodes)
+        places = np.einsum("qv,nfvi->nfqi", simplex_shapes(d - 1, 1, 0, x)[0], body.corners[local])
+        places -= facets.origin[facets.local][:, None, None]
+        at = np.einsum("nij,nfqj->nfqi", np.linalg.pinv(facets.tangents)[facets.local], places)
+        index = np.repeat(np.arange(len(local)), local.shape[1] * len(w))
+        return index, at.reshape(-1, d - 1), np.tile(w, len(self.nodes))
 
     def moments(self, traction: Array) -> Array:
-        """(facets, nodes of a facet, d) of tractions (m, d) at the points, in the order of `closure_dofs`."""
-        weighted = self._by_facet(self.weights[:, None] * traction)
-        return np.asarray(np.einsum("fqk,fqd->fkd", self.shapes, weighted))
+        """(facets, nodes, d) of tractions (m, d) at the points, with the functions of facets of simplices."""
+        weighted = self.weights_of[:, :, None] * traction.reshape(*self.weights_of.shape, -1)
+        return np.asarray(np.einsum("qk,fqd->fkd", self.functions, weighted))
 
-    @property
-    def _mass(self) -> Array:
-        weights = self.weights.reshape(self.shapes.shape[:2])
-        return np.asarray(np.einsum("fqk,fq,fql->fkl", self.shapes, weights, self.shapes))
+    def forces(self, traction: Array) -> Array:
+        """Forces (nodes, d) of tractions (m, d) at the points."""
+        return np.asarray(self.shape.T @ (self.weights[:, None] * traction))
 
-    def nodal(self, moments: Array) -> Array:
-        """Forces (nodes, d) at all nodes of the part, of moments."""
-        out = np.zeros((len(self.places), moments.shape[2]))
-        np.add.at(out, self.dofs, moments)
+    def excess(self, traction: Array) -> Array:
+        """(facets, nodes of the cell, d): moments with functions of the simplices less those of the cell."""
+        out = np.zeros((len(self.nodes), self.body.dofs.shape[1], traction.shape[1]))
+        if self.square and traction.any():
+            off = (self.pull - self.shape).tocoo()
+            facet = off.row // self.weights_of.shape[1]
+            cell = self.cells[facet * len(self.cells) // len(self.nodes)]
+            node = np.argmax(self.body.dofs[cell] == off.col[:, None], axis=1)
+            np.add.at(out, (facet, node), (off.data * self.weights[off.row])[:, None] * traction[off.row])
         return out
 
     def misfit(self, traction: Array) -> float:
         """How far tractions (m, d) are from polynomials of the facets, relative."""
-        nearest = np.linalg.solve(self._mass, self.moments(traction))
-        off = np.einsum("fqk,fkd->fqd", self.shapes, nearest) - self._by_facet(traction)
-        return float(np.abs(off).max() / max(np.abs(traction).max(), 1e-300))
-
-    def values(self, nodal: Array) -> Array:
-        """A field (m, d) at the points by its values (nodes, d) at nodes."""
-        return np.asarray(np.einsum("fqk,fkd->fqd", self.shapes, nodal[self.dofs])).reshape(len(self.x), -1)
-
-    def to_bernstein(self, nodal: Array) -> Array:
-        """Coefficients (nodes,) of a field of the face's degree with values (nodes,): it is in their hull."""
-        out = nodal.copy()
-        for edge, i, j in self._edges:
-            out[edge] = 2.0 * nodal[edge] - 0.5 * (nodal[i] + nodal[j])
-        return out
-
-    def to_nodes(self, coefficients: Array) -> Array:
-        """Values (nodes,) at the nodes by coefficients."""
-        out = coefficients.copy()
-        for edge, i, j in self._edges:
-            out[edge] = 0.5 * coefficients[edge] + 0.25 * (coefficients[i] + coefficients[j])
-        return out
-
-    @property
-    def _edges(self) -> list[tuple[Ints, Ints, Ints]]:
-        """Nodes of edges and of their ends, for each edge of a facet."""
-        if self.dofs.shape[1] == self.corners:
-            return []
-        ends = [(0, 1)] if self.corners == 2 else [(1, 2), (0, 2), (0, 1)]
-        nodes = self.dofs.T
-        return [(nodes[self.corners + k], nodes[i], nodes[j]) for k, (i, j) in enumerate(ends)]
+        mass = np.einsum("qk,fq,ql->fkl", self.functions, self.weights_of, self.functions)
+        nearest = np.einsum("qk,fkd->fqd", self.functions, np.linalg.solve(mass, self.moments(traction)))
+        off = np.abs(nearest.reshape(traction.shape) - traction).max()
+        return float(off / max(np.abs(traction).max(), 1e-300))
 
     @property
     def flat(self) -> bool:
@@ -249,33 +379,26 @@ class OnFace:
 
     def linear(self, x: Array) -> Array:
         """1 and the coordinates along a flat face, about its middle, of places (..., d): (..., d)."""
-        middle = self.weights @ self.x / self.weights.sum()
         tangents = np.linalg.svd(self.normals[:1])[2][1:]
-        size = np.abs(self.x - middle).max()
-        return np.concatenate([np.ones((*x.shape[:-1], 1)), (x - middle) @ tangents.T / size], axis=-1)
+        size = np.abs(self.arms).max()
+        along = (x - self.centre) @ tangents.T / size
+        return np.concatenate([np.ones((*x.shape[:-1], 1)), along], axis=-1)
 
     def integrals(self, nodes: Ints) -> Array:
-        """(d, k) of the functions of coefficients times :meth:`linear`, at nodes (k,)."""
-        along = (self.weights[:, None] * self.linear(self.x)).T.reshape(self.corners, *self.shapes.shape[:2])
-        out = np.zeros((self.corners, len(self.places)))
-        for row, of in enumerate(along):
-            np.add.at(out[row], self.dofs, np.einsum("fq,fqk->fk", of, self.shapes))
-            mine = out[row].copy()
-            for edge, i, j in self._edges:
-                once, which = np.unique(edge, return_index=True)
-                np.add.at(out[row], i[which], 0.25 * mine[once])
-                np.add.at(out[row], j[which], 0.25 * mine[once])
-                out[row][once] = 0.5 * mine[once]
+        """(d, k) of the functions of coefficients of tractions times :meth:`linear`, at nodes (k,)."""
+        of_nodes = self.moments(self.linear(self.x))  # (facets, nodes, d)
+        by = np.einsum("fkd,kl->dfl", of_nodes, np.linalg.inv(self.hull.matrix))
+        out = np.zeros((len(by), len(self.places)))
+        for row, each in zip(out, by, strict=True):
+            np.add.at(row, self.nodes, each)
         return out[:, nodes]
 
     def traction(self, nodal: Array) -> Array:
-        """Values (nodes, d) of the continuous traction of the face's degree that exerts forces (nodes, d)."""
-        nodes, local = np.unique(self.dofs, return_inverse=True)
-        local, k = local.reshape(self.dofs.shape), self.dofs.shape[1]
-        rows, columns = np.repeat(local, k, axis=1).ravel(), np.tile(local, (1, k)).ravel()
-        mass = sp.csc_matrix((self._mass.ravel(), (rows, columns)), shape=(len(nodes),) * 2)
+        """Values (nodes, d) of the traction that exerts forces (nodes, d)."""
+        nodes = np.unique(self.nodes)
+        mass = self.shape[:, nodes].T @ sp.diags(self.weights) @ self.pull[:, nodes]
         found = np.zeros_like(nodal)
-        found[nodes] = sp.linalg.splu(mass).solve(np.ascontiguousarray(nodal[nodes]))
+        found[nodes] = sp.linalg.splu(mass.tocsc()).solve(np.ascontiguousarray(nodal[nodes]))
         return found
 
 
@@ -350,71 +473,71 @@ class Inputs:
 
     def __init__(self, dim: int) -> None:
         self.dim = dim
-        self.counts: list[int] = []
         self.vertices: list[tuple[Ints, Array]] = []
         self.blocks: dict[str, list[Any]] = {
-            k: []
-            for k in "corners stress force compliance material cells facets moments held".split()
+            k: [] for k in "corners stress force compliance material beyond shift facets moments held".split()
         }
         self.degrees: set[int] = set()
+        self.rests: list[Array] = []  # of each part (cells,), and simplices of a cell
+        self.simplices: list[int] = []
 
-    def add(self, body: Body, numbers: Ints) -> None:
-        corners, nodes = body.corners(numbers)
-        first, add = sum(self.counts), self.blocks
+    def add(self, body: Body) -> None:
+        add, (cells, simplices, corners) = self.blocks, body.local.shape
         self.degrees.add(body.degree)
-        self.vertices.append((numbers[body.vertices.ravel()], body.x.reshape(-1, self.dim)))
-        stress = np.take_along_axis(body.stress(), body.order[:, :, None], axis=1)
-        add["corners"].append(corners)
-        add["stress"].append(stress.reshape(-1, stress.shape[2]))
-        add["force"].append(body.force)
-        add["material"].append(np.full(len(corners), len(add["compliance"])))
+        self.vertices.append((body.order.ravel(), body.x.reshape(-1, self.dim)))
+        more = np.zeros((*body.dofs.shape, self.dim))
+        for key, value in self._merged(body, more).items():
+            add[key].append(value)
+        divided = body.divided(more)
+        numbers = np.take_along_axis(body.order, body.local.reshape(cells, -1), axis=1)
+        add["corners"].append(numbers.reshape(-1, corners))
+        add["stress"].append(divided.stress.reshape(cells * simplices * corners, -1))
+        add["force"].append(np.repeat(body.force, simplices, axis=0))
+        add["material"].append(np.full(cells * simplices, len(add["compliance"])))
         add["compliance"].append(np.linalg.inv(body.elasticity))
-        for cells, local, moments, held in self._merged(body, nodes):
-            add["cells"].append(cells + first)
-            add["facets"].append(local)
-            add["moments"].append(moments)
-            add["held"].append(held)
-        self.counts.append(len(corners))
+        add["beyond"].append(divided.beyond.reshape(cells * simplices, -1))
+        add["shift"].append(divided.shift.reshape(-1, self.dim))
+        self.rests.append(divided.rest_of)
+        self.simplices.append(simplices)
 
-    def _merged(self, body: Body, nodes: Ints) -> list[tuple[Ints, Ints, Array, Array]]:
-        """What acts on facets, each once: moments in the order of the ascending vertices."""
-        d, k = self.dim, 0
-        vertices = basix.topology(basix.CellType[body.cell])[d - 1]
-        across = np.array([next(v for v in range(d + 1) if v not in facet) for facet in vertices])
-        place = np.argsort(body.order, axis=1)
-        on = _on_facets(d, body.degree)
-        found: list[Any] = []
-        for cells, local, moments, held in body.facets:
-            number = place[cells, across[local]]
-            wanted = nodes[cells[:, None], on[number]]  # (facets, nodes)
-            dofs = closure_of(body, cells, local)
-            order = np.argmax(dofs[:, None, :] == wanted[:, :, None], axis=2)
-            found.append((cells, number, np.take_along_axis(moments, order[:, :, None], axis=1), held))
-            k = moments.shape[1]
-        if not found:
-            return []
-        keys = np.concatenate([cells * (d + 1) + number for cells, number, _, _ in found])
-        once, inverse = np.unique(keys, return_inverse=True)
-        sums = np.zeros((len(once), k, d))
-        np.add.at(sums, inverse, np.concatenate([each[2] for each in found]))
-        held = np.zeros((len(once), d, d))
-        np.add.at(held, inverse, np.concatenate([each[3] for each in found]))
-        values, axes = np.linalg.eigh(held)
-        held = np.einsum("nik,nk,njk->nij", axes, (values > 0.5).astype(np.float64), axes)
-        return [(once // (d + 1), once % (d + 1), sums.reshape(len(once), -1), held.reshape(len(once), -1))]
+    def _merged(self, body: Body, more: Array) -> dict[str, Array]:
+        """What acts on facets, each once; `more` (cells, nodes, d) gets what simplices have of it beyond cells."""
+        if not body.facets:
+            return {}
+        every = [np.concatenate(each) for each in zip(*body.facets, strict=True)]
+        vertices, cells, moments, held, excess = every
+        once, inverse = np.unique(vertices, axis=0, return_inverse=True)
+        inverse = inverse.ravel()
+        sums, holds = np.zeros((len(once), *moments.shape[1:])), np.zeros((len(once), *held.shape[1:]))
+        np.add.at(sums, inverse, moments)
+        np.add.at(holds, inverse, held)
+        values, axes = np.linalg.eigh(holds)
+        holds = np.einsum("nik,nk,njk->nij", axes, (values > 0.5).astype(np.float64), axes)
+        np.add.at(more, cells, excess - np.einsum("nij,nkj->nki", holds[inverse], excess))
+        return {
+            "facets": once,
+            "moments": sums.reshape(len(once), -1),
+            "held": holds.reshape(len(once), -1),
+        }
 
     def made(self, count: int) -> Equilibration:
         """The stress in balance."""
         if len(self.degrees) > 1:
             raise refused("its parts have displacements of different degrees")
-        d, degree = self.dim, self.degrees.pop()
+        d = self.dim
         x = np.zeros((count, d))
         for numbers, places in self.vertices:
             x[numbers] = places
+        most = max(each.shape[1] for each in self.blocks["beyond"])
+        self.blocks["beyond"] = [
+            each if each.shape[1] == most else np.zeros((len(each), most)) for each in self.blocks["beyond"]
+        ]
+        size = d * simplex_shapes(d - 1, self.degrees.pop(), 0, np.zeros((1, d - 1))).shape[2]
+        empty = {"facets": np.zeros((0, d)), "moments": np.zeros((0, size)), "held": np.zeros((0, d * d))}
         together = {
-            k: np.concatenate(v) if v else np.zeros((0,)) for k, v in self.blocks.items() if k != "compliance"
+            k: np.concatenate(v) if v else empty[k] for k, v in self.blocks.items() if k != "compliance"
         }
-        size = d * len(_on_facets(d, degree)[0])
+        shift = together["shift"]
         return Equilibration(
             vertices=x.T,
             corners=together["corners"].ravel(),
@@ -422,25 +545,15 @@ class Inputs:
             force=together["force"].T,
             compliance=self.blocks["compliance"],
             material=together["material"],
-            cells=together["cells"].astype(np.int64),
-            facets=together["facets"].astype(np.int64),
-            moments=together["moments"].reshape(-1, size).T,
-            held=together["held"].reshape(-1, d * d).T,
+            rest=together["beyond"].T,
+            shift=shift.T if max(self.simplices) > 1 else np.zeros((d, 0)),
+            facets=together["facets"].ravel().astype(np.int64),
+            moments=together["moments"].T,
+            held=together["held"].T,
         )
 
-
-def _on_facets(d: int, degree: int) -> Ints:
-    """(d + 1, nodes): of the facet across each vertex, its vertices and then its edges."""
-    rows = []
-    for across in range(d + 1):
-        own = [v for v in range(d + 1) if v != across]
-        pairs: Sequence[tuple[int, int]] = [(i, j) for i in range(d + 1) for j in range(i + 1, d + 1)]
-        edges = [d + 1 + k for k, pair in enumerate(pairs) if across not in pair]
-        rows.append(own + (edges if degree > 1 else []))
-    return np.array(rows, dtype=np.int64)
-
-
-def closure_of(body: Body, cells: Ints, local: Ints) -> Ints:
-    """(facets, nodes) in the order of :meth:`FacetMap.closure_dofs`."""
-    closure = np.array(body.element.entity_closure_dofs[body.part.dim - 1])[local]
-    return np.take_along_axis(body.dofs[cells], closure, axis=1)
+    def by_cells(self, energies: Array) -> list[Array]:
+        """Energies (simplices of all parts,) by cells of each part, with what no stress in balance has of them."""
+        counts = [len(rest) * each for rest, each in zip(self.rests, self.simplices, strict=True)]
+        parts = np.split(energies, np.cumsum(counts)[:-1])
+        return [e.reshape(len(rest), -1).sum(axis=1) + rest for e, rest in zip(parts, self.rests, strict=True)]

@@ -41,8 +41,11 @@ struct OneCell {
     boundary.moments = Matrix::NullaryExpr(dim * nodes, dim + 1, [&] { return any(random); });
     boundary.held = Matrix::Zero(dim * dim, dim + 1);
     for (Index k = 0; k <= dim; ++k) {
-      boundary.cells.push_back(0);
-      boundary.facets.push_back(k);
+      for (Index i = 0; i <= dim; ++i) {
+        if (i != k) {
+          boundary.corners.push_back(i);
+        }
+      }
     }
     balance();
   }
@@ -198,8 +201,7 @@ TEST(Equilibration, ConstantStressIsItsOwn) {
   cells.compliance = {soft(2)};
   cells.material = {0, 0};
   Boundary boundary;
-  boundary.cells = {0, 1};
-  boundary.facets = {1, 1};  // x = 0 of vertices 0 and 2, x = 1 of vertices 1 and 3
+  boundary.corners = {0, 2, 1, 3};  // x = 0 and x = 1
   boundary.moments = Matrix::Zero(4, 2);
   boundary.moments.col(1) << 1.0, 0.0, 1.0, 0.0;
   boundary.held = Matrix::Zero(4, 2);
@@ -212,7 +214,7 @@ TEST(Equilibration, ConstantStressIsItsOwn) {
 TEST(Equilibration, BadInputIsRefused) {
   OneCell one(2, 1, 3);
   Boundary other = one.boundary;
-  other.facets[0] = 5;
+  other.corners[0] = 5;
   EXPECT_THROW(Equilibration(one.cells, other), InputError);
   Cells turned = one.cells;
   std::swap(turned.corners[0], turned.corners[1]);

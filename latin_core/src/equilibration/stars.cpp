@@ -25,12 +25,7 @@ void Equilibration::find_stars() {
     if (!facets_[f].changes) {
       continue;
     }
-    std::vector<Index> on;
-    for (Index k = 0; k < corners_; ++k) {
-      if (k != facets_[f].numbers[0]) {
-        on.push_back(cells_.corners[facets_[f].cells[0] * corners_ + k]);
-      }
-    }
+    const std::vector<Index> on = corners_of(facets_[f]);
     for (std::size_t i = 0; i < on.size(); ++i) {
       if (dim_ == 2) {
         found[{on[i], -1}].push_back(static_cast<Index>(f));
@@ -51,6 +46,13 @@ void Equilibration::find_stars() {
     return first;
   });
 }
+
+/// data . energy data - 2 right . data + least of a cell, by data on the reference cell.
+struct Equilibration::Condensed {
+  Matrix energy;
+  Vector right;
+  double least;
+};
 
 /// Energies of cells by the moments of their facets, out of the first cell of each, where stresses have the least
 /// energy; and those of the distance, when it is first asked for.
@@ -77,19 +79,31 @@ void Equilibration::condense(const std::vector<Index>& cells, std::vector<Matrix
     for (Index k = 0; k < some; ++k) {
       const Index cell = cells[first + k];
       const Eigen::Map<const Matrix> sum(sums.col(k).data(), columns, columns);
-      Matrix energy = sum.bottomRightCorner(given, given);
+      Condensed own{sum.bottomRightCorner(given, given), Vector::Zero(given), 0.0};
+      Vector along = Vector::Zero(columns);
+      if (cells_.rest.size() > 0 && !condensed_[cell]) {
+        const Matrix beyond = rest(cell).reshaped(reference_.basis().rows() / n, n);
+        const Vector strain = (beyond * reference_compliance(cell)).reshaped();
+        along = reference_.basis().transpose() * strain;
+        own.right = along.tail(given);
+        own.least = strain.dot(beyond.reshaped());
+      }
       if (free > 0) {
         const Eigen::LLT<Matrix> factor(sum.topLeftCorner(free, free));
         const Matrix coupled = factor.matrixL().solve(sum.topRightCorner(free, given));
-        energy.noalias() -= coupled.transpose() * coupled;
+        const Vector best = factor.matrixL().solve(along.head(free));
+        own.energy.noalias() -= coupled.transpose() * coupled;
+        own.right -= coupled.transpose() * best;
+        own.least -= best.squaredNorm();
       }
-      take(cell, energy, energies[first + k]);
+      take(cell, own, energies[first + k]);
     }
   }
 }
 
 /// An energy by data on the reference cell as one by moments of facets; and of the distance, the first time.
-void Equilibration::take(Index cell, const Matrix& energy, Matrix& by_moments) {
+void Equilibration::take(Index cell, const Condensed& own, Matrix& by_moments) {
+  const Matrix& energy = own.energy;
   const Index nodes = corners_ * of_facet_ / dim_;
   const Matrix inverse = edges(cell).inverse();
   Matrix turned(energy.rows(), corners_ * of_facet_);
@@ -99,9 +113,14 @@ void Equilibration::take(Index cell, const Matrix& energy, Matrix& by_moments) {
         eta * energy.middleCols(node * dim_, dim_) * inverse;
   }
   if (!condensed_[cell]) {
-    const Vector own = data(cell);
-    energies_(cell) = own.dot(energy * own);
-    slopes_.col(cell) = turned.transpose() * own;
+    const Vector known = data(cell);
+    energies_(cell) = known.dot(energy * known - 2.0 * own.right) + own.least;
+    slopes_.col(cell) = turned.transpose() * known;
+    for (Index node = 0; node < nodes; ++node) {
+      slopes_.col(cell).segment(node * dim_, dim_) -= sign(cell, node * dim_ / of_facet_) *
+                                                      inverse.transpose() *
+                                                      own.right.segment(node * dim_, dim_);
+    }
     condensed_[cell] = true;
   }
   by_moments.resize(corners_ * of_facet_, corners_ * of_facet_);

@@ -1,0 +1,162 @@
+"""Cells cut into simplices, whose functions and stresses the kernel knows.
+
+The functions N of a quadrilateral or hexahedron are no polynomials of the degree of its simplices, the tractions
+on these are. What N asks of tractions at a node is distributed among the simplices around it, with force and
+moment of each in balance; the stress is divided into a part linear on each simplex, its projection onto what
+stresses in balance are made of, and the rest, which is orthogonal to all of these. Nothing is lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from typing import Any
+
+import basix
+import numpy as np
+from latin_core import Equilibration
+
+from dolfinx_frontend.assembly.elements import quadrature, tabulate
+from dolfinx_frontend.common.arrays import Array, Ints
+
+__all__ = ["FACET_OF", "Tables", "cut", "simplex_shapes"]
+
+FACET_OF = {"triangle": "interval", "tetrahedron": "triangle", "quadrilateral": "interval",
+            "hexahedron": "quadrilateral"}  # fmt: skip
+_SIMPLICES = ("interval", "triangle", "tetrahedron")
+_NOTHING = 1e-12
+"""Of gradients on the reference cell: less is rounding."""
+
+
+def cut(cell: str, order: Ints) -> Ints:
+    """(n, simplices, corners): vertices of simplices in each cell, ascending in an order (n, vertices): from the
+    lowest one over the facets without it, which are cut alike. So both cells of a facet cut it in the same way."""
+    if cell in _SIMPLICES:
+        return np.argsort(order, axis=1)[:, None]
+    facets = np.array(basix.topology(basix.CellType[cell])[-2])
+    without = np.all(facets != np.argmin(order, axis=1)[:, None, None], axis=2)
+    across = facets[np.nonzero(without)[1]].reshape(len(order), -1)
+    under = np.take_along_axis(order, across, axis=1).reshape(-1, facets.shape[1])
+    inner = cut(FACET_OF[cell], under)  # (n * facets without it, simplices, corners - 1)
+    found = np.take_along_axis(across.reshape(under.shape), inner.reshape(len(under), -1), axis=1)
+    found = found.reshape(len(order), -1, inner.shape[2])
+    lowest = np.broadcast_to(np.argmin(order, axis=1)[:, None, None], (*found.shape[:2], 1))
+    return np.concatenate([lowest, found], axis=2)
+
+
+@cache
+def _simplex(dim: int, degree: int) -> tuple[Any, Ints]:
+    kind = basix.CellType[_SIMPLICES[dim - 1]]
+    element = basix.create_element(basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.equispaced)
+    corners = np.vstack([np.zeros(dim), np.eye(dim)])
+    middles = [0.5 * (corners[i] + corners[j]) for i, j in combinations(range(dim + 1), 2)]
+    nodes = np.vstack([corners, *(middles if degree > 1 else [])])
+    return element, np.argmin(np.abs(element.points - nodes[:, None]).sum(axis=2), axis=1)
+
+
+def simplex_shapes(dim: int, degree: int, derivatives: int, x: Array) -> Array:
+    """(1 [+ dim], points, functions) on the unit simplex: of its vertices, then of its edges (0, 1), (0, 2), ..."""
+    element, order = _simplex(dim, degree)
+    return tabulate(element, derivatives, x)[:, :, order]
+
+
+def _rule(dim: int, degree: int) -> tuple[Array, Array]:
+    """Points (pieces, q, dim) and weights (pieces, q) of the simplices into which its centroid cuts the unit one."""
+    x, w = quadrature(basix.CellType[_SIMPLICES[dim - 1]], degree)
+    corners = np.vstack([np.zeros(dim), np.eye(dim)])
+    points, weights = [], []
+    for piece in range(dim + 1):
+        own = corners.copy()
+        own[piece] = corners.mean(axis=0)
+        points.append(own[0] + x @ (own[1:] - own[0]))
+        weights.append(w * abs(np.linalg.det(own[1:] - own[0])))
+    return np.array(points), np.array(weights)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """What a way to cut a cell makes of its functions, on the reference cell.
+
+    Attributes
+    ----------
+    slopes
+        (d, nodes, simplices, columns), coefficients of gradients in functions that are orthonormal on the unit
+        simplex: linear ones, those of the kernel's pieces beyond, and what is orthogonal to both.
+    own
+        (d, nodes, simplices, d + 1), the same of the functions of the simplices, for the nodes of the cell.
+    excess
+        (nodes,), integral of the functions of the cell less those of its simplices.
+    share
+        (simplices, nodes of a simplex, d, nodes, d): least forces on the simplices, each in balance, whose sums
+        are forces at nodes that are in balance.
+    linear
+        (d + 1, d + 1), the linear functions at the vertices.
+    """
+
+    slopes: Array
+    own: Array
+    excess: Array
+    share: Array
+    linear: Array
+    beyond: int
+
+    @classmethod
+    def of(cls, element: Any, corners: Ints, nodes: Ints) -> Tables:
+        """Of an element; (simplices, d + 1) vertices and (simplices, nodes) of the cell, in the kernel's order."""
+        d, degree = corners.shape[1] - 1, int(element.degree)
+        vertices = np.asarray(basix.geometry(element.cell_type))
+        highest = degree if len(vertices) == d + 1 else d * degree
+        y, w = _rule(d, 2 * highest)
+        flat = y.reshape(-1, d)
+        lambdas = simplex_shapes(d, 1, 0, flat)[0]
+        root = np.linalg.cholesky(lambdas.T @ (w.reshape(-1, 1) * lambdas))
+        linear = np.linalg.inv(root)
+        first = lambdas @ linear.T  # (points, d + 1), orthonormal
+        pieces = [Equilibration.functions(d, degree, p, each.T).T for p, each in enumerate(y)]
+        tables, owns = [], []
+        excess = np.zeros(element.dim)
+        for at, here in zip(corners, nodes, strict=True):
+            edges = vertices[at[1:]] - vertices[at[0]]
+            table = tabulate(element, 1, vertices[at[0]] + flat @ edges)
+            shapes = simplex_shapes(d, degree, 1, flat)
+            excess += w.ravel() @ table[0] * abs(np.linalg.det(edges))
+            excess[here] -= w.ravel() @ shapes[0] * abs(np.linalg.det(edges))
+            gradient = table[1:].transpose(0, 2, 1)  # (d, nodes, points)
+            along = gradient @ (w.reshape(-1, 1) * first)
+            left = (gradient - along @ first.T).reshape(*gradient.shape[:2], *w.shape)
+            more = np.stack([left[:, :, p] @ (w[p][:, None] * v) for p, v in enumerate(pieces)], axis=2)
+            for p, v in enumerate(pieces):
+                left[:, :, p] -= more[:, :, p] @ v.T
+            more = more.reshape(*more.shape[:2], -1)
+            root_of_left = (left * np.sqrt(w)).reshape(d * element.dim, -1)
+            u, s, _ = np.linalg.svd(root_of_left, full_matrices=False)
+            tables.append((along, more, (u * s).reshape(d, element.dim, -1)))
+            own = np.einsum("im,mqk->ikq", np.linalg.inv(edges), shapes[1:]) @ (w.reshape(-1, 1) * first)
+            owns.append(np.zeros((d, element.dim, d + 1)))
+            owns[-1][:, here] = own
+        along, more, rest = (np.stack(each, axis=2) for each in zip(*tables, strict=True))
+        kept = np.abs(rest).max(axis=(0, 1, 2)) > _NOTHING
+        beyond = more.shape[3] if np.abs(more).max() > _NOTHING else 0
+        slopes = np.concatenate([along, more[..., :beyond], rest[..., kept]], axis=3)
+        share = _shares(vertices, element, corners, nodes)
+        return cls(slopes, np.stack(owns, axis=2), excess, share, linear, beyond)
+
+
+def _shares(vertices: Array, element: Any, corners: Ints, nodes: Ints) -> Array:
+    """See :class:`Tables`."""
+    count, each = nodes.shape
+    d = corners.shape[1] - 1
+    points = np.asarray(element.points)
+    turns = list(combinations(range(d), 2))
+    sums = np.zeros((element.dim, d, count, each, d))
+    balance = np.zeros((count, d + len(turns), count, each, d))
+    for s in range(count):
+        for a, node in enumerate(nodes[s]):
+            sums[node, :, s, a] = np.eye(d)
+            balance[s, :d, s, a] = np.eye(d)
+            for row, (i, j) in enumerate(turns, start=d):
+                balance[s, row, s, a, i], balance[s, row, s, a, j] = -points[node, j], points[node, i]
+    rows = np.vstack([sums.reshape(element.dim * d, -1), balance.reshape(count * (d + len(turns)), -1)])
+    inverse = np.linalg.pinv(rows, rcond=1e-10)[:, : element.dim * d]
+    return np.asarray(inverse.reshape(count, each, d, element.dim, d))
