@@ -92,6 +92,13 @@ class Tables:
         are forces at nodes that are in balance.
     linear
         (d + 1, d + 1), the linear functions at the vertices.
+    beyond
+        How many of the columns are of the kernel's pieces.
+    traces, excess_on
+        Integrals over facets of the gradients (d, nodes, facets, nodes of a facet) and of 1 (facets, nodes of a
+        facet), times the functions of the simplices less those of the cell.
+    normals
+        (facets, d), outward.
     """
 
     slopes: Array
@@ -100,6 +107,9 @@ class Tables:
     share: Array
     linear: Array
     beyond: int
+    traces: Array
+    excess_on: Array
+    normals: Array
 
     @classmethod
     def of(cls, element: Any, corners: Ints, nodes: Ints) -> Tables:
@@ -140,7 +150,8 @@ class Tables:
         beyond = more.shape[3] if np.abs(more).max() > _NOTHING else 0
         slopes = np.concatenate([along, more[..., :beyond], rest[..., kept]], axis=3)
         share = _shares(vertices, element, corners, nodes)
-        return cls(slopes, np.stack(owns, axis=2), excess, share, linear, beyond)
+        on_facets = _traces(vertices, element, corners, nodes)
+        return cls(slopes, np.stack(owns, axis=2), excess, share, linear, beyond, *on_facets)
 
 
 def _shares(vertices: Array, element: Any, corners: Ints, nodes: Ints) -> Array:
@@ -160,3 +171,26 @@ def _shares(vertices: Array, element: Any, corners: Ints, nodes: Ints) -> Array:
     rows = np.vstack([sums.reshape(element.dim * d, -1), balance.reshape(count * (d + len(turns)), -1)])
     inverse = np.linalg.pinv(rows, rcond=1e-10)[:, : element.dim * d]
     return np.asarray(inverse.reshape(count, each, d, element.dim, d))
+
+
+def _traces(vertices: Array, element: Any, corners: Ints, nodes: Ints) -> tuple[Array, Array, Array]:
+    """See :class:`Tables`: in 2D, and on triangles, the functions are the same."""
+    d, degree = corners.shape[1] - 1, int(element.degree)
+    facets, closure = np.array(basix.topology(element.cell_type)[-2]), np.array(element.entity_closure_dofs[d - 1])
+    traces, excess = np.zeros((d, element.dim, *closure.shape)), np.zeros(closure.shape)
+    normals = np.asarray(basix.cell.facet_outward_normals(element.cell_type))
+    x, w = quadrature(basix.CellType.triangle, 2 * d * degree)
+    for s, a in np.ndindex(corners.shape if facets.shape[1] > d else (0, 0)):
+        own = np.delete(corners[s], a)
+        on = np.flatnonzero(np.all(np.any(facets[:, :, None] == own, axis=1), axis=1))
+        for facet in on:
+            edges = vertices[own[1:]] - vertices[own[0]]
+            area = np.linalg.norm(np.cross(*edges))
+            table = tabulate(element, 1, vertices[own[0]] + x @ edges)
+            inside = np.delete(np.vstack([np.zeros(d), np.eye(d)]), a, axis=0)
+            shapes = -table[0]
+            shapes[:, nodes[s]] += simplex_shapes(d, degree, 0, inside[0] + x @ (inside[1:] - inside[0]))[0]
+            weighted = area * w[:, None] * shapes[:, closure[facet]]
+            excess[facet] += weighted.sum(axis=0)
+            traces[:, :, facet] += table[1:].transpose(0, 2, 1) @ weighted
+    return traces, excess, normals

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -30,6 +31,7 @@ __all__ = [
     "Inputs",
     "OnFace",
     "Settings",
+    "between_cells",
     "correct",
     "lifted",
     "refused",
@@ -112,6 +114,7 @@ class Body:
         affine = self.x[:, :1] + np.einsum("vm,ckm->cvk", self.corners, self.edges)
         if np.any(np.abs(affine - self.x).max(axis=(1, 2)) > SETTINGS.rounding * self._sizes):
             raise refused(f"{where} has cells that are no parallelograms or parallelepipeds")
+        self.facet_nodes = np.array(element.entity_closure_dofs[d - 1])
         middles = 0.5 * (self.corners[:, None] + self.corners)
         points = np.asarray(element.points)
         self.between = np.argmin(np.abs(middles[:, :, None] - points).sum(axis=3), axis=2)
@@ -178,96 +181,138 @@ class Body:
         """Of the distance between what is in balance on the mesh and what is admissible."""
         return self.energy(self.lifted - self.change)
 
+    @cached_property
+    def ways(self) -> list[tuple[Tables, Ints]]:
+        """Ways to cut cells, and the cells that are cut so."""
+        nodes = self.nodes_of(np.arange(len(self.dofs)), self.local)
+        inside = np.argmax(self.dofs[:, None, None, :] == nodes[..., None], axis=3)
+        keys = self.local.reshape(len(self.local), -1)
+        _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        alike = [np.flatnonzero(which.ravel() == way) for way in range(len(first))]
+        return [
+            (Tables.of(self.element, self.local[k], inside[k]), cells)
+            for k, cells in zip(first, alike, strict=True)
+        ]
+
     def divided(self, more: Array) -> _Divided:
         """What balances on the mesh, and what tractions have to make up (cells, nodes, d) besides."""
-        d, count = self.part.dim, self.local.shape[1]
-        key = self.local.reshape(len(self.local), -1)
-        ways, which = np.unique(key, axis=0, return_inverse=True)
-        nodes = np.argmax(
-            self.dofs[:, None, None, :] == self.nodes_of(np.arange(len(key)), self.local)[..., None], axis=3
-        )
-        out = _Divided(np.zeros((*self.local.shape, len(self.elasticity))), np.zeros((len(key), *nodes.shape[1:], d)))
-        for way in range(len(ways)):
-            cells = np.flatnonzero(which.ravel() == way)
-            tables = Tables.of(self.element, self.local[cells[0]], nodes[cells[0]])
+        d, components = self.part.dim, len(self.elasticity)
+        cells, simplices, corners = self.local.shape
+        each = simplex_shapes(d, self.degree, 0, np.zeros((1, d))).shape[2]
+        beyond = components * max(tables.beyond for tables, _ in self.ways)
+        out = _Divided(
+            np.zeros((cells, simplices, corners, components)), np.zeros((cells, simplices, each, d)),
+            np.zeros((cells, simplices, beyond)), np.zeros(cells),
+        )  # fmt: skip
+        for tables, alike in self.ways:
             size = d * d * tables.slopes[0, 0].size
-            for some in np.array_split(cells, 1 + len(cells) * size // _MOST):
+            for some in np.array_split(alike, 1 + len(alike) * size // _MOST):
                 self._divide(out, tables, some, more)
         return out
 
     def _divide(self, out: _Divided, tables: Tables, cells: Ints, more: Array) -> None:
         """The same of cells that are cut in one way."""
-        d = self.part.dim
-        u, slopes = (self.u + self.change)[self.dofs[cells]], tables.slopes
-        inverse, volume = np.linalg.inv(self.edges[cells]), self.volumes[cells]
-        gradient = np.einsum("cik,misx,cmj->cskxj", u, slopes, inverse, optimize=True)
-        strain = np.stack(
-            [
-                gradient[:, :, i, :, i] if i == j else gradient[:, :, i, :, j] + gradient[:, :, j, :, i]
-                for i, j in VOIGT[d]
-            ],
-            axis=2,
-        )  # (cells, simplices, components, columns)
-        stress = np.einsum("ab,csbx->csax", self.elasticity, strain)
-        initial = np.take_along_axis(
-            self.initial[cells], self.local[cells].reshape(len(cells), -1, 1), axis=1
-        ).reshape(*stress.shape[:2], d + 1, -1)
+        d, slopes = self.part.dim, tables.slopes
+        u, volume = (self.u + self.change)[self.dofs[cells]], self.volumes[cells]
+        inverse = np.linalg.inv(self.edges[cells])
+        gradient = np.einsum("cik,misx,cmj->csxkj", u, slopes, inverse, optimize=True)
+        strain = _strain(gradient)  # (cells, simplices, columns, components)
+        stress = strain @ self.elasticity.T
         beyond = d + 1 + tables.beyond
-        last = stress[..., beyond:], strain[..., beyond:]
-        out.rest_of[cells] = volume * np.einsum("csax,csax->c", *last)
-        stress[..., : d + 1] -= np.einsum("csva,vx->csax", initial, np.linalg.inv(tables.linear))
-        out.stress[cells] = np.einsum("csax,xv->csva", stress[..., : d + 1], tables.linear)
+        out.orthogonal[cells] = volume * np.sum(strain[:, :, beyond:] * stress[:, :, beyond:], axis=(1, 2, 3))
+        initial = self.initial[cells[:, None, None], self.local[cells]]
+        stress[:, :, : d + 1] -= np.einsum("csva,vx->csxa", initial, np.linalg.inv(tables.linear))
+        out.stress[cells] = np.einsum("csxa,xv->csva", stress[:, :, : d + 1], tables.linear)
         if tables.beyond:
-            if not out.beyond.size:
-                out.beyond = np.zeros((*self.local.shape[:2], stress.shape[2] * tables.beyond))
-            out.beyond[cells] = stress[..., d + 1 : beyond].reshape(*stress.shape[:2], -1)
-        full = np.zeros((*stress.shape[:2], stress.shape[3], d, d))
-        for a, (i, j) in enumerate(VOIGT[d]):
-            full[..., i, j] = full[..., j, i] = stress[:, :, a]
+            known = np.swapaxes(stress[:, :, d + 1 : beyond], 2, 3)
+            out.beyond[cells] = known.reshape(*known.shape[:2], -1)
         less = slopes.copy()
         less[..., : d + 1] -= tables.own
-        forces = np.einsum("csxkl,cml,misx->cik", full, inverse, less, optimize=True)
+        forces = np.einsum("csxkl,cml,misx->cik", _tensor(stress), inverse, less, optimize=True)
         forces -= tables.excess[:, None] * self.force[cells][:, None]
         forces = volume[:, None, None] * forces + more[cells]
         local = np.einsum("cmk,cik->cim", inverse, forces)
         out.shift[cells] = np.einsum("ckm,samjn,cjn->csak", self.edges[cells], tables.share, local, optimize=True)
 
+    def excess_on_facets(self) -> Array:
+        """(cells, facets, nodes, d) of the stress's own tractions: see :meth:`OnFace.excess`."""
+        out = np.zeros((len(self.dofs), *self.facet_nodes.shape, self.part.dim))
+        for tables, cells in self.ways:
+            u, inverse = (self.u + self.change)[self.dofs[cells]], np.linalg.inv(self.edges[cells])
+            gradient = np.einsum("cik,mifx,cmj->cfxkj", u, tables.traces, inverse, optimize=True)
+            stress = _strain(gradient) @ self.elasticity.T
+            stress -= tables.excess_on[:, :, None] * self.initial[cells].mean(axis=1)[:, None, None]
+            normals = np.einsum("fm,cml,c->cfl", tables.normals, inverse, self.volumes[cells])
+            out[cells] = np.einsum("cfxkl,cfl->cfxk", _tensor(stress), normals)
+        return out
+
+    def own_traction(self, face: OnFace) -> Array:
+        """(m, d) of the stress at the points of a face."""
+        slopes = tabulate(self.element, 1, face.inside)[1:]
+        inverse = np.linalg.inv(self.edges[face.cell_of])
+        gradient = np.einsum("pik,mpi,pmj->pkj", self.u[self.dofs[face.cell_of]], slopes, inverse)
+        stress = _strain(gradient) @ self.elasticity.T - self.initial[face.cell_of].mean(axis=1)
+        return np.asarray(np.einsum("pkl,pl->pk", _tensor(stress), face.normals))
+
     def on_face(self, face: OnFace, traction: Array, held: Array) -> None:
         """Tractions (m, d) at the points of a face, and a projector (d, d) onto what a support takes."""
         moments = face.moments(traction)
+        found = face.excess(self.own_traction(face) @ held) if held.any() else face.excess(traction)
         self.facets.append(
             _Facets(
                 self.numbers[face.nodes[:, : self.part.dim]],
                 np.repeat(face.cells, len(moments) // len(face.cells)),
                 moments,
                 np.tile(held, (len(moments), 1, 1)),
-                face.excess(traction),
+                found,
+                np.full(len(moments), bool(held.any())),
             )
         )
 
 
-@dataclass
+def _strain(gradient: Array) -> Array:
+    """Engineering strains (..., components) of gradients (..., d, d)."""
+    return np.stack(
+        [
+            gradient[..., i, j] if i == j else gradient[..., i, j] + gradient[..., j, i]
+            for i, j in VOIGT[gradient.shape[-1]]
+        ],
+        axis=-1,
+    )
+
+
+def _tensor(stress: Array) -> Array:
+    """(..., d, d) of components (..., components)."""
+    d = {3: 2, 6: 3}[stress.shape[-1]]
+    out = np.zeros((*stress.shape[:-1], d, d))
+    for a, (i, j) in enumerate(VOIGT[d]):
+        out[..., i, j] = out[..., j, i] = stress[..., a]
+    return out
+
+
+@dataclass(frozen=True)
 class _Divided:
-    """The stress of a part on its simplices: (cells, simplices, corners, components) and what they lack besides."""
+    """The stress of a part on its simplices: linear (cells, simplices, corners, components), beyond (cells,
+    simplices, n), energies (cells,) of what no stress in balance has; and what they lack besides (cells, simplices,
+    nodes, d)."""
 
     stress: Array
-    shift: Array  # (cells, simplices, nodes, d)
-
-    def __post_init__(self) -> None:
-        cells, simplices = self.stress.shape[:2]
-        self.beyond = np.zeros((cells, simplices, 0))
-        self.rest_of = np.zeros(cells)  # energies that no stress in balance has
+    shift: Array
+    beyond: Array
+    orthogonal: Array
 
 
 class _Facets(NamedTuple):
-    """Tractions on facets of simplices: their vertices (n, d), cells (n,), moments (n, nodes, d), projectors (n, d, d)
-    and moments with functions of the simplices less those of the cell (n, nodes of the cell, d)."""
+    """Tractions on facets of simplices: their vertices (n, d), cells (n,), moments (n, nodes, d), projectors (n, d, d),
+    moments with functions of the simplices less those of the cell (n, nodes of the cell, d), and whether these are
+    of what a support takes (n,)."""
 
     vertices: Ints
     cells: Ints
     moments: Array
     held: Array
     excess: Array
+    taken: Flags
 
 
 @dataclass(frozen=True)
@@ -343,6 +388,7 @@ class OnFace(FaceOf):
         places -= facets.origin[facets.local][:, None, None]
         at = np.einsum("nij,nfqj->nfqi", np.linalg.pinv(facets.tangents)[facets.local], places)
         index = np.repeat(np.arange(len(local)), local.shape[1] * len(w))
+        self.cell_of, self.inside = self.cells[index], facets.reference(index, at.reshape(-1, d - 1))
         return index, at.reshape(-1, d - 1), np.tile(w, len(self.nodes))
 
     def moments(self, traction: Array) -> Array:
@@ -360,7 +406,7 @@ class OnFace(FaceOf):
         if self.square and traction.any():
             off = (self.pull - self.shape).tocoo()
             facet = off.row // self.weights_of.shape[1]
-            cell = self.cells[facet * len(self.cells) // len(self.nodes)]
+            cell = self.cell_of[off.row]
             node = np.argmax(self.body.dofs[cell] == off.col[:, None], axis=1)
             np.add.at(out, (facet, node), (off.data * self.weights[off.row])[:, None] * traction[off.row])
         return out
@@ -468,6 +514,31 @@ def solved_by_cg(matrix: Any, right: Array, enough: float) -> Array:
     return np.asarray(sp.linalg.cg(matrix, right, rtol=0.0, atol=enough, M=inverse)[0])
 
 
+def between_cells(bodies: Sequence[Body]) -> list[Array]:
+    """(cells, nodes, d) of each body: by how much more tractions have to make up at nodes of cells where these are
+    tested with functions of the simplices: of what is continuous, and so nothing in the sum at a node."""
+    out = [np.zeros((*body.dofs.shape, body.part.dim)) for body in bodies]
+    keys, nodes, own = [], [], []
+    solid = [k for k, body in enumerate(bodies) if body.cell == "hexahedron"]
+    for body in (bodies[k] for k in solid):
+        every = np.arange(len(body.dofs))[:, None, None]
+        numbers = body.numbers[body.dofs[every, body.facet_nodes]]  # (cells, facets, nodes)
+        order = np.argsort(numbers, axis=2)
+        keys.append(np.take_along_axis(numbers, order, axis=2))
+        nodes.append(np.take_along_axis(body.facet_nodes[None], order, axis=2))
+        own.append(np.take_along_axis(body.excess_on_facets(), order[..., None], axis=2))
+    if solid:
+        flat = np.concatenate([each.reshape(-1, each.shape[2]) for each in keys])
+        _, facet, sides = np.unique(flat, axis=0, return_inverse=True, return_counts=True)
+        sums = np.zeros((len(sides), *own[0].shape[2:]))
+        np.add.at(sums, facet.ravel(), np.concatenate([each.reshape(-1, *each.shape[2:]) for each in own]))
+        mean = (sums / sides[:, None, None])[facet.ravel()]  # of outward ones: half of the jump, or what is alone
+        for k, at, each in zip(solid, nodes, own, strict=True):
+            mine, mean = mean[: each.shape[0] * each.shape[1]], mean[each.shape[0] * each.shape[1] :]
+            np.add.at(out[k], (np.arange(len(at))[:, None, None], at), each - mine.reshape(each.shape))
+    return out
+
+
 class Inputs:
     """Cells of all parts, as the kernel takes them."""
 
@@ -481,11 +552,11 @@ class Inputs:
         self.rests: list[Array] = []  # of each part (cells,), and simplices of a cell
         self.simplices: list[int] = []
 
-    def add(self, body: Body) -> None:
+    def add(self, body: Body, more: Array) -> None:
+        """A part; `more` (cells, nodes, d) is asked of tractions besides what its stress lacks."""
         add, (cells, simplices, corners) = self.blocks, body.local.shape
         self.degrees.add(body.degree)
         self.vertices.append((body.order.ravel(), body.x.reshape(-1, self.dim)))
-        more = np.zeros((*body.dofs.shape, self.dim))
         for key, value in self._merged(body, more).items():
             add[key].append(value)
         divided = body.divided(more)
@@ -497,7 +568,7 @@ class Inputs:
         add["compliance"].append(np.linalg.inv(body.elasticity))
         add["beyond"].append(divided.beyond.reshape(cells * simplices, -1))
         add["shift"].append(divided.shift.reshape(-1, self.dim))
-        self.rests.append(divided.rest_of)
+        self.rests.append(divided.orthogonal)
         self.simplices.append(simplices)
 
     def _merged(self, body: Body, more: Array) -> dict[str, Array]:
@@ -505,7 +576,7 @@ class Inputs:
         if not body.facets:
             return {}
         every = [np.concatenate(each) for each in zip(*body.facets, strict=True)]
-        vertices, cells, moments, held, excess = every
+        vertices, cells, moments, held, excess, taken = every
         once, inverse = np.unique(vertices, axis=0, return_inverse=True)
         inverse = inverse.ravel()
         sums, holds = np.zeros((len(once), *moments.shape[1:])), np.zeros((len(once), *held.shape[1:]))
@@ -513,7 +584,8 @@ class Inputs:
         np.add.at(holds, inverse, held)
         values, axes = np.linalg.eigh(holds)
         holds = np.einsum("nik,nk,njk->nij", axes, (values > 0.5).astype(np.float64), axes)
-        np.add.at(more, cells, excess - np.einsum("nij,nkj->nki", holds[inverse], excess))
+        left = np.where(taken[:, None, None], 0.0, holds[inverse])
+        np.add.at(more, cells, excess - np.einsum("nij,nkj->nki", left, excess))
         return {
             "facets": once,
             "moments": sums.reshape(len(once), -1),

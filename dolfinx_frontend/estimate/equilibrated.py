@@ -36,6 +36,7 @@ from dolfinx_frontend.estimate.balanced_parts import (
     Body,
     Inputs,
     OnFace,
+    between_cells,
     correct,
     lifted,
     refused,
@@ -407,8 +408,9 @@ class _Work:
             motions[own[name]] = rigid.at(name, body.part.dof_coordinates)
         correct(self.bodies, own, count, np.linalg.qr(motions.reshape(count * d, -1)).Q)
         inputs = Inputs(d)
-        for body in self.bodies.values():
-            inputs.add(body)
+        bodies = list(self.bodies.values())
+        for body, more in zip(bodies, between_cells(bodies), strict=True):
+            inputs.add(body, more)
         stop_if_pressed()
         made = inputs.made(count)
         if not self.result.converged:
