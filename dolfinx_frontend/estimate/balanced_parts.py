@@ -55,6 +55,8 @@ class Settings:
         Relative residual of displacements that part faces inside each other.
     rounds
         Of Newton's method for a pressure that never pulls, which takes as many as its zone changes.
+    looked_at
+        Cells of a part from which a direction is chosen along which cells are cut.
     """
 
     sweeps: int = 10
@@ -63,6 +65,7 @@ class Settings:
     share: float = 0.3
     loose: float = 1e-2
     rounds: int = 30
+    looked_at: int = 100
 
 
 SETTINGS = Settings()
@@ -140,6 +143,11 @@ class Body:
             found.append(np.stack([self.between[local[..., i], local[..., j]] for i, j in pairs], axis=2))
         inside = np.concatenate(found, axis=2)
         return np.asarray(self.dofs[cells[:, None, None], inside])
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether its cells are no simplices."""
+        return len(self.corners) > self.part.dim + 1
 
     @property
     def _sizes(self) -> Array:

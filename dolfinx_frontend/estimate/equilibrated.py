@@ -11,6 +11,7 @@ fitted or believed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import permutations, product
 from time import perf_counter
 from typing import Any
 
@@ -25,6 +26,7 @@ from dolfinx_frontend.assembly.rigid import free_motions
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.interrupts import stop_if_pressed
+from dolfinx_frontend.estimate.balanced_cells import cut
 from dolfinx_frontend.estimate.balanced_laws import (
     contact_pressure,
     gap_of_contact,
@@ -49,8 +51,8 @@ from dolfinx_frontend.scene.materials import VOIGT
 
 __all__ = ["energy_bound"]
 
-_ACROSS = np.array([1.0, 0.618, 0.271])
-"""A direction along which vertices of cells are seldom side by side."""
+_ACROSS = (1.0, 0.618, 0.271)
+"""Of a direction along which vertices of cells are seldom side by side."""
 
 _SAMPLED = "it is given by a function of the place, which is known at points only"
 
@@ -383,12 +385,30 @@ class _Work:
         places = np.concatenate([body.part.dof_coordinates for body in self.bodies.values()])
         together = joined(pairs[True] + pairs[False])
         along = np.zeros(int(together.max()) + 1)
-        along[together] = places @ _ACROSS[: self.problem.dim]
+        along[together] = places @ self._direction()
         rank = np.argsort(np.argsort(along))[together]
         key = np.stack([rank, joined(pairs[True])], axis=1)
         self.numbers = np.unique(key, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
         for name, body in self.bodies.items():
             body.number(self.numbers[self.own[name]])
+
+    def _direction(self) -> Array:
+        """That of vertices with ascending numbers, along which cells are cut into the roundest simplices."""
+        d = self.problem.dim
+        signs = np.array(list(product([1.0, -1.0], repeat=d - 1)))
+        every = [np.array(turned) * (1.0, *sign) for turned in permutations(_ACROSS[:d]) for sign in signs]
+        some = [(b.cell, b.x[:: 1 + len(b.x) // SETTINGS.looked_at]) for b in self.bodies.values() if b.is_cut]
+
+        def length(direction: Array) -> float:
+            found = 0.0
+            for cell, x in some:
+                local = cut(cell, x @ direction)
+                corners = np.take_along_axis(x, local.reshape(len(x), -1)[..., None], axis=1)
+                corners = corners.reshape(-1, d + 1, d)
+                found += float(((corners - corners.mean(axis=1, keepdims=True)) ** 2).sum())
+            return found
+
+        return min(every, key=length) if some else every[0]
 
     def bound(self, began: float) -> EnergyBound:
         """The stress in balance, and its distance."""
