@@ -83,7 +83,8 @@ void bind_equilibration(py::module_& m) {
             return latin::equilibration::ReferenceCell::of(dim, degree).values(piece, points);
           },
           "dim"_a, "degree"_a, "piece"_a, "points"_a,
-          "Values (terms, m) of the functions of a piece of the unit simplex, without the vertex `piece` and with "
+          "Values (terms, m) of the functions of a piece of the unit simplex, without the vertex "
+          "`piece` and with "
           "the centroid instead, at points (d, m).")
       .def("stress", &Equilibration::stress, "cell"_a, "points"_a,
            "The stress in balance (components, m) of a cell at points (d, m) of the unit simplex.");

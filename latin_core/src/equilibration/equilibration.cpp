@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 
 namespace latin::equilibration {
 namespace {
@@ -72,10 +73,10 @@ Equilibration::Equilibration(Cells cells, const Boundary& boundary)
   const auto fits = [](const Matrix& given, Index height, Index width) {
     return given.size() == 0 || (given.rows() == height && given.cols() == width);
   };
-  if (!fits(cells_.rest, rows, count_) ||
-      !fits(cells_.shift, dim_, count_ * reference_.nodes())) {
+  if (!fits(cells_.rest, rows, count_) || !fits(cells_.shift, dim_, count_ * reference_.nodes())) {
     throw InputError("equilibrated stresses: rests and shifts of the cells do not fit");
   }
+  const SerialAlgebra serial;  // cells and nodes are small
   find_facets();
   find_nodes();
   const std::vector<Index> facets = named_facets(boundary);
@@ -84,7 +85,7 @@ Equilibration::Equilibration(Cells cells, const Boundary& boundary)
   find_stars();
   energies_ = Vector::Zero(count_);
   slopes_ = Matrix::Zero(corners_ * of_facet_, count_);
-  condensed_.assign(static_cast<std::size_t>(count_), false);
+  condensed_.assign(static_cast<std::size_t>(count_), 0);
 }
 
 Matrix Equilibration::edges(Index cell) const {
@@ -167,9 +168,9 @@ std::vector<Index> Equilibration::named_facets(const Boundary& boundary) const {
   std::vector<Index> out;
   for (Index n = 0; n < boundary.moments.cols(); ++n) {
     const auto* first = boundary.corners.data() + n * dim_;
-    const auto at = std::ranges::lower_bound(
-        facets_, std::vector<Index>(first, first + dim_), {},
-        [this](const Facet& facet) { return corners_of(facet); });
+    const auto at =
+        std::ranges::lower_bound(facets_, std::vector<Index>(first, first + dim_), {},
+                                 [this](const Facet& facet) { return corners_of(facet); });
     if (at == facets_.end() || corners_of(*at) != std::vector<Index>(first, first + dim_) ||
         at->cells[1] >= 0) {
       throw InputError("equilibrated stresses: facet " + std::to_string(n) +
@@ -295,7 +296,8 @@ Matrix Equilibration::stress(Index cell, ConstMatrixRef points) const {
         strained.middleRows(a * each, each) += compliance(a, b) * own.middleRows(b * each, each);
       }
     }
-    coefficients -= own * (own.transpose() * strained).llt().solve(strained.transpose() * (given - rest(cell)));
+    coefficients -=
+        own * (own.transpose() * strained).llt().solve(strained.transpose() * (given - rest(cell)));
   }
   const Matrix edge = edges(cell);
   Matrix bary(corners_, points.cols());

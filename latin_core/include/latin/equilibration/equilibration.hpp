@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <deque>
 #include <vector>
 
 #include "latin/common/types.hpp"
@@ -88,9 +89,11 @@ class Equilibration {
   void find_stars();
   void condense(const std::vector<Index>& cells, std::vector<Matrix>& energies);
   struct Condensed;
+  [[nodiscard]] Condensed condensed(Index cell, ConstMatrixRef sum) const;
   void take(Index cell, const Condensed& own, Matrix& by_moments);
   void sweep(Patch& patch, int most_sweeps, double enough);
-  void relax_star(const std::vector<Index>& facets, const Patch& patch);
+  [[nodiscard]] std::vector<std::vector<std::size_t>> coloured(const std::deque<Star>& stars) const;
+  void relax_star(const Star& star, const Patch& patch);
 
   Cells cells_;
   const ReferenceCell& reference_;
@@ -107,7 +110,7 @@ class Equilibration {
   std::vector<std::vector<Index>> stars_;
   Matrix slopes_;  ///< (facets * d * facet nodes, cells) of half the energy by the moments
   Vector energies_;
-  std::vector<bool> condensed_;
+  std::vector<char> condensed_;  ///< no bits: several threads write
   double defect_ = 0.0;
 };
 
