@@ -378,18 +378,22 @@ void Equilibration::relax_star(const Star& star, const Patch& patch) {
   for (std::size_t i = 0; i < star.facets.size(); ++i) {
     moments_.col(star.facets[i]) += of_facet(i);
   }
-  Vector own(corners_ * of_facet_);
-  Vector steeper(corners_ * of_facet_);
+  Vector both(corners_ * of_facet_);  // slopes before and after
   for (const Index cell : star.cells) {
-    own.setZero();
+    const Matrix& energy = patch.energies[patch.place[cell]];
+    both = slopes_.col(cell);
     for (std::size_t i = 0; i < star.facets.size(); ++i) {
       if (const Index number = star.number(star.facets[i], cell); number >= 0) {
-        own.segment(number * of_facet_, of_facet_) = of_facet(i);
+        slopes_.col(cell).noalias() +=
+            energy.middleCols(number * of_facet_, of_facet_) * of_facet(i);
       }
     }
-    steeper.noalias() = patch.energies[patch.place[cell]] * own;
-    energies_(cell) += own.dot(2.0 * slopes_.col(cell) + steeper);
-    slopes_.col(cell) += steeper;
+    both += slopes_.col(cell);
+    for (std::size_t i = 0; i < star.facets.size(); ++i) {
+      if (const Index number = star.number(star.facets[i], cell); number >= 0) {
+        energies_(cell) += both.segment(number * of_facet_, of_facet_).dot(of_facet(i));
+      }
+    }
   }
 }
 
