@@ -3,8 +3,9 @@
     ./run bench bounds --count 500
 
 Stacks of one to three boxes of triangles or tetrahedra, every third time of quadrilaterals or
-hexahedra, of degree 1 and 2, in part sheared; glued, on springs, or in contact without friction, on
-meshes that match (and every fifth time do not); moduli up to a thousand apart, Poisson's ratios up to 0.49, cells up to 1 : 4, tractions, pressures, resultants,
+hexahedra, of degree 1 and 2, in part sheared or, in 2D, trapezoids; glued, on springs, or in
+contact without friction, on meshes that match (and every fifth time do not); moduli up to a
+thousand apart, Poisson's ratios up to 0.49, cells up to 1 : 4, tractions, pressures, resultants,
 weight and temperature, in m or mm. The true error is the distance of potential energies from meshes
 of degree 2 with a quarter of the cells' size, and a third of what these changed from those with
 half of it. A ratio below 1 is a broken bound.
@@ -43,6 +44,7 @@ class Drawn(NamedTuple):
     unit: float
     cells: tuple[str, ...]
     shear: float
+    wedge: float
 
 
 def drawn(seed: int) -> Drawn:
@@ -63,15 +65,18 @@ def drawn(seed: int) -> Drawn:
     unit = float(rng.choice([1.0, 1000.0]))
     lengths = tuple(float(v) for v in sizes)
     simple, square = ("triangle", "quadrilateral") if dim == 2 else ("tetrahedron", "hexahedron")
-    cells, shear = (simple,) * parts, 0.0
+    cells, shear, wedge = (simple,) * parts, 0.0, 0.0
     if rng.uniform() < 0.33:
         cells = (square,) * parts
         shear = float(rng.choice([0.0, 0.5, 1.5]))
         if dim == 2 and rng.uniform() < 0.3:  # both kinds have the same tractions on edges
             cells = tuple(str(rng.choice([simple, square])) for _ in range(parts))
+        elif dim == 2 and rng.uniform() < 0.3:  # trapezoids
+            shear, wedge = 0.0, 0.3
     return Drawn(
-        dim, degree, divisions, lengths, moduli, ratios, laws, load, held, unmatched, unit, cells, shear
-    )
+        dim, degree, divisions, lengths, moduli, ratios, laws, load, held, unmatched, unit, cells, shear,
+        wedge,
+    )  # fmt: skip
 
 
 def scene_of(one: Drawn, finer: int, degree: int) -> lf.Scene:
@@ -85,7 +90,8 @@ def scene_of(one: Drawn, finer: int, degree: int) -> lf.Scene:
         more = 1 if one.unmatched and k % 2 else 0
         divisions = [finer * (v + more) for v in one.divisions]
         mesh = lf.geometry.box([*map(float, size)], divisions, origin=[*map(float, origin)], cell=one.cells[k])
-        mesh.mesh.geometry.x[:, 0] += one.shear * mesh.mesh.geometry.x[:, 1]
+        x = mesh.mesh.geometry.x
+        x[:, 0] += one.shear * x[:, 1] + one.wedge * x[:, 0] * x[:, 1] / size[1]
         steel = lf.LinearElastic(E=one.moduli[k], nu=one.ratios[k], alpha=1e-3)
         weight = [0.0, -0.1 / one.unit] + [0.0] * (d - 2) if one.load == "weight" else None
         scene.substructure(name, mesh, steel, degree=degree, body_force=weight)

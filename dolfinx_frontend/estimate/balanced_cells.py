@@ -27,6 +27,8 @@ FACET_OF = {"triangle": "interval", "tetrahedron": "triangle", "quadrilateral": 
 _SIMPLICES = ("interval", "triangle", "tetrahedron")
 _NOTHING = 1e-12
 """Of gradients on the reference cell: less is rounding."""
+_ROUNDS = 12
+"""Of Newton's method for the place of a point in a cell: from a quadrilateral's middle it squares what is left."""
 
 
 def cut(cell: str, order: Ints) -> Ints:
@@ -75,8 +77,32 @@ def _rule(dim: int, degree: int) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
+class _Unit:
+    """Points of the unit simplex (m, d) with weights (pieces, q), linear functions there (m, d + 1), orthonormal, and
+    at the vertices, the kernel's of each piece (q, terms), and those of displacements (1 + d, m, nodes)."""
+
+    x: Array
+    weights: Array
+    first: Array
+    linear: Array
+    pieces: list[Array]
+    shapes: Array
+
+    @staticmethod
+    @cache
+    def of(dim: int, degree: int, highest: int) -> _Unit:
+        """For stresses of one degree less than the highest."""
+        y, w = _rule(dim, 2 * highest)
+        x = y.reshape(-1, dim)
+        lambdas = simplex_shapes(dim, 1, 0, x)[0]
+        linear = np.linalg.inv(np.linalg.cholesky(lambdas.T @ (w.reshape(-1, 1) * lambdas)))
+        pieces = [Equilibration.functions(dim, degree, p, each.T).T for p, each in enumerate(y)]
+        return _Unit(x, w, lambdas @ linear.T, linear, pieces, simplex_shapes(dim, degree, 1, x))
+
+
+@dataclass(frozen=True)
 class Tables:
-    """What a way to cut a cell makes of its functions, on the reference cell.
+    """What a way to cut a cell makes of its functions, on the reference cell, or on one that is none of its images.
 
     Attributes
     ----------
@@ -85,6 +111,8 @@ class Tables:
         simplex: linear ones, those of the kernel's pieces beyond, and what is orthogonal to both.
     own
         (d, nodes, simplices, d + 1), the same of the functions of the simplices, for the nodes of the cell.
+    sizes
+        (simplices,), determinants of the edges.
     excess
         (nodes,), integral of the functions of the cell less those of its simplices.
     share
@@ -103,6 +131,7 @@ class Tables:
 
     slopes: Array
     own: Array
+    sizes: Array
     excess: Array
     share: Array
     linear: Array
@@ -112,26 +141,21 @@ class Tables:
     normals: Array
 
     @classmethod
-    def of(cls, element: Any, corners: Ints, nodes: Ints) -> Tables:
-        """Of an element; (simplices, d + 1) vertices and (simplices, nodes) of the cell, in the kernel's order."""
+    def of(cls, element: Any, vertices: Array, corners: Ints, nodes: Ints) -> Tables:
+        """Of an element and the vertices (n, d) of a straight cell; (simplices, d + 1) vertices and (simplices, nodes)
+        of the cell, in the kernel's order."""
         d, degree = corners.shape[1] - 1, int(element.degree)
-        vertices = np.asarray(basix.geometry(element.cell_type))
-        highest = degree if len(vertices) == d + 1 else d * degree
-        y, w = _rule(d, 2 * highest)
-        flat = y.reshape(-1, d)
-        lambdas = simplex_shapes(d, 1, 0, flat)[0]
-        root = np.linalg.cholesky(lambdas.T @ (w.reshape(-1, 1) * lambdas))
-        linear = np.linalg.inv(root)
-        first = lambdas @ linear.T  # (points, d + 1), orthonormal
-        pieces = [Equilibration.functions(d, degree, p, each.T).T for p, each in enumerate(y)]
-        tables, owns = [], []
+        unit = _Unit.of(d, degree, degree if len(vertices) == d + 1 else d * degree)
+        flat, w, first, pieces = unit.x, unit.weights, unit.first, unit.pieces
+        tables, owns, sizes = [], [], []
         excess = np.zeros(element.dim)
         for at, here in zip(corners, nodes, strict=True):
             edges = vertices[at[1:]] - vertices[at[0]]
-            table = tabulate(element, 1, vertices[at[0]] + flat @ edges)
-            shapes = simplex_shapes(d, degree, 1, flat)
-            excess += w.ravel() @ table[0] * abs(np.linalg.det(edges))
-            excess[here] -= w.ravel() @ shapes[0] * abs(np.linalg.det(edges))
+            table = _tabulated(element, vertices, vertices[at[0]] + flat @ edges)
+            shapes = unit.shapes
+            sizes.append(abs(np.linalg.det(edges)))
+            excess += w.ravel() @ table[0] * sizes[-1]
+            excess[here] -= w.ravel() @ shapes[0] * sizes[-1]
             gradient = table[1:].transpose(0, 2, 1)  # (d, nodes, points)
             along = gradient @ (w.reshape(-1, 1) * first)
             left = (gradient - along @ first.T).reshape(*gradient.shape[:2], *w.shape)
@@ -149,28 +173,47 @@ class Tables:
         kept = np.abs(rest).max(axis=(0, 1, 2)) > _NOTHING
         beyond = more.shape[3] if np.abs(more).max() > _NOTHING else 0
         slopes = np.concatenate([along, more[..., :beyond], rest[..., kept]], axis=3)
-        share = _shares(vertices, element, corners, nodes)
+        share = _shares(vertices, element.dim, corners, nodes)
         on_facets = _traces(vertices, element, corners, nodes)
-        return cls(slopes, np.stack(owns, axis=2), excess, share, linear, beyond, *on_facets)
+        return cls(slopes, np.stack(owns, axis=2), np.array(sizes), excess, share, unit.linear, beyond, *on_facets)
 
 
-def _shares(vertices: Array, element: Any, corners: Ints, nodes: Ints) -> Array:
+def _tabulated(element: Any, vertices: Array, x: Array) -> Array:
+    """(1 + d, points, functions) and their derivatives at places (m, d) of a straight cell."""
+    kind = element.cell_type
+    if np.array_equal(vertices, basix.geometry(kind)):
+        return tabulate(element, 1, x)
+    shape = basix.create_element(basix.ElementFamily.P, kind, 1, basix.LagrangeVariant.equispaced)
+    at = np.full_like(x, 0.5)
+    for _ in range(_ROUNDS):
+        table = tabulate(shape, 1, at)
+        slopes = np.einsum("imv,vk->mik", table[1:], vertices)
+        step = np.linalg.solve(np.swapaxes(slopes, 1, 2), (x - table[0] @ vertices)[..., None])[..., 0]
+        at = at + step
+        if np.abs(step).max() < _NOTHING:
+            break
+    table = tabulate(element, 1, at)
+    return np.concatenate([table[:1], np.linalg.solve(slopes, table[1:].transpose(1, 0, 2)).transpose(1, 0, 2)])
+
+
+def _shares(vertices: Array, functions: int, corners: Ints, nodes: Ints) -> Array:
     """See :class:`Tables`."""
     count, each = nodes.shape
     d = corners.shape[1] - 1
-    points = np.asarray(element.points)
     turns = list(combinations(range(d), 2))
-    sums = np.zeros((element.dim, d, count, each, d))
+    sums = np.zeros((functions, d, count, each, d))
     balance = np.zeros((count, d + len(turns), count, each, d))
     for s in range(count):
+        x = vertices[corners[s]]
+        points = np.vstack([x, [0.5 * (x[i] + x[j]) for i, j in combinations(range(d + 1), 2)]])
         for a, node in enumerate(nodes[s]):
             sums[node, :, s, a] = np.eye(d)
             balance[s, :d, s, a] = np.eye(d)
             for row, (i, j) in enumerate(turns, start=d):
-                balance[s, row, s, a, i], balance[s, row, s, a, j] = -points[node, j], points[node, i]
-    rows = np.vstack([sums.reshape(element.dim * d, -1), balance.reshape(count * (d + len(turns)), -1)])
-    inverse = np.linalg.pinv(rows, rcond=1e-10)[:, : element.dim * d]
-    return np.asarray(inverse.reshape(count, each, d, element.dim, d))
+                balance[s, row, s, a, i], balance[s, row, s, a, j] = -points[a, j], points[a, i]
+    rows = np.vstack([sums.reshape(functions * d, -1), balance.reshape(count * (d + len(turns)), -1)])
+    inverse = np.linalg.pinv(rows, rcond=1e-10)[:, : functions * d]
+    return np.asarray(inverse.reshape(count, each, d, functions, d))
 
 
 def _traces(vertices: Array, element: Any, corners: Ints, nodes: Ints) -> tuple[Array, Array, Array]:

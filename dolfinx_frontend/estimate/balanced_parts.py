@@ -115,8 +115,10 @@ class Body:
         units = [int(np.argmin(np.abs(self.corners - axis).sum(axis=1))) for axis in np.eye(d)]
         self.edges = np.swapaxes(self.x[:, units] - self.x[:, :1], 1, 2)  # (cells, d, d) of the map
         affine = self.x[:, :1] + np.einsum("vm,ckm->cvk", self.corners, self.edges)
-        if np.any(np.abs(affine - self.x).max(axis=(1, 2)) > SETTINGS.rounding * self._sizes):
-            raise refused(f"{where} has cells that are no parallelograms or parallelepipeds")
+        self.askew = np.abs(affine - self.x).max(axis=(1, 2)) > SETTINGS.rounding * self._sizes  # no parallelograms
+        if d == 3 and np.any(self.askew):
+            raise refused(f"{where} has hexahedra that are no parallelepipeds")
+        self.edges[self.askew] = np.eye(d)  # these are taken as they are
         self.facet_nodes = np.array(element.entity_closure_dofs[d - 1])
         middles = 0.5 * (self.corners[:, None] + self.corners)
         points = np.asarray(element.points)
@@ -160,8 +162,10 @@ class Body:
 
     def spread(self, force: Array) -> Array:
         """Nodal forces (nodes, d) of a force (d,) per volume."""
-        x, w = quadrature(self.element.cell_type, self.degree * self.part.dim)
-        each = np.outer(self.volumes, w @ tabulate(self.element, 0, x)[0])
+        x, w = quadrature(self.element.cell_type, (self.degree + 1) * self.part.dim)
+        slopes = tabulate(_linear(self.cell), 1, x)[1:]
+        sizes = np.abs(np.linalg.det(np.einsum("iqv,cvk->cqik", slopes, self.x)))
+        each = (sizes * w) @ tabulate(self.element, 0, x)[0]
         share = np.bincount(self.dofs.ravel(), each.ravel(), len(self.u))
         return np.outer(share, force)
 
@@ -169,13 +173,7 @@ class Body:
         """Whether nodes of edges are in their middles."""
         if int(coordinate_map(self.part.part.mesh).degree) == 1:
             return True
-        shape = tabulate(
-            basix.create_element(
-                basix.ElementFamily.P, basix.CellType[self.cell], 1, basix.LagrangeVariant.equispaced
-            ),
-            0,
-            np.asarray(self.element.points),
-        )[0]
+        shape = tabulate(_linear(self.cell), 0, np.asarray(self.element.points))[0]
         places = np.einsum("nk,cki->cni", shape, self.x)
         off = np.abs(places - self.part.dof_coordinates[self.dofs]).max(axis=(1, 2))
         return bool(np.all(off <= SETTINGS.rounding * self._sizes))
@@ -194,11 +192,12 @@ class Body:
         """Ways to cut cells, and the cells that are cut so."""
         nodes = self.nodes_of(np.arange(len(self.dofs)), self.local)
         inside = np.argmax(self.dofs[:, None, None, :] == nodes[..., None], axis=3)
-        keys = self.local.reshape(len(self.local), -1)
+        alone = np.where(self.askew, np.arange(len(self.dofs)), -1)
+        keys = np.column_stack([alone, self.local.reshape(len(self.local), -1)])
         _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         alike = [np.flatnonzero(which.ravel() == way) for way in range(len(first))]
         return [
-            (Tables.of(self.element, self.local[k], inside[k]), cells)
+            (Tables.of(self.element, self.x[k] if self.askew[k] else self.corners, self.local[k], inside[k]), cells)
             for k, cells in zip(first, alike, strict=True)
         ]
 
@@ -227,7 +226,9 @@ class Body:
         strain = _strain(gradient)  # (cells, simplices, columns, components)
         stress = strain @ self.elasticity.T
         beyond = d + 1 + tables.beyond
-        out.orthogonal[cells] = volume * np.sum(strain[:, :, beyond:] * stress[:, :, beyond:], axis=(1, 2, 3))
+        out.orthogonal[cells] = volume * np.einsum(
+            "s,csxa,csxa->c", tables.sizes, strain[:, :, beyond:], stress[:, :, beyond:]
+        )
         initial = self.initial[cells[:, None, None], self.local[cells]]
         stress[:, :, : d + 1] -= np.einsum("csva,vx->csxa", initial, np.linalg.inv(tables.linear))
         out.stress[cells] = np.einsum("csxa,xv->csva", stress[:, :, : d + 1], tables.linear)
@@ -236,6 +237,7 @@ class Body:
             out.beyond[cells] = known.reshape(*known.shape[:2], -1)
         less = slopes.copy()
         less[..., : d + 1] -= tables.own
+        less *= tables.sizes[:, None]
         forces = np.einsum("csxkl,cml,misx->cik", _tensor(stress), inverse, less, optimize=True)
         forces -= tables.excess[:, None] * self.force[cells][:, None]
         forces = volume[:, None, None] * forces + more[cells]
@@ -265,7 +267,8 @@ class Body:
     def on_face(self, face: OnFace, traction: Array, held: Array) -> None:
         """Tractions (m, d) at the points of a face, and a projector (d, d) onto what a support takes."""
         moments = face.moments(traction)
-        found = face.excess(self.own_traction(face) @ held) if held.any() else face.excess(traction)
+        taken = bool(held.any()) and face.square
+        found = face.excess(self.own_traction(face) @ held if taken else traction)
         self.facets.append(
             _Facets(
                 self.numbers[face.nodes[:, : self.part.dim]],
@@ -273,9 +276,15 @@ class Body:
                 moments,
                 np.tile(held, (len(moments), 1, 1)),
                 found,
-                np.full(len(moments), bool(held.any())),
+                np.full(len(moments), taken),
             )
         )
+
+
+def _linear(cell: str) -> Any:
+    """The element of the coordinates of straight cells."""
+    kind = basix.CellType[cell]
+    return basix.create_element(basix.ElementFamily.P, kind, 1, basix.LagrangeVariant.equispaced)
 
 
 def _strain(gradient: Array) -> Array:

@@ -117,6 +117,8 @@ class _Work:
         for name, body in self.bodies.items():
             if not body.straight():
                 self.notes.append(f"{name!r} has curved cells")
+            if np.any(body.askew):
+                self.notes.append(f"{name!r} has cells that are no parallelograms: integrals of its stress are rounded")
             body.acting += self.problem.load_on(name).reshape(body.u.shape)
             self._own_force(body)
 
