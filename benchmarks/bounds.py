@@ -89,7 +89,8 @@ def scene_of(one: Drawn, finer: int, degree: int) -> lf.Scene:
         origin[1] = k * size[1]
         more = 1 if one.unmatched and k % 2 else 0
         divisions = [finer * (v + more) for v in one.divisions]
-        mesh = lf.geometry.box([*map(float, size)], divisions, origin=[*map(float, origin)], cell=one.cells[k])
+        start, cell = [*map(float, origin)], one.cells[k]
+        mesh = lf.geometry.box([*map(float, size)], divisions, origin=start, cell=cell)
         x = mesh.mesh.geometry.x
         x[:, 0] += one.shear * x[:, 1] + one.wedge * x[:, 0] * x[:, 1] / size[1]
         steel = lf.LinearElastic(E=one.moduli[k], nu=one.ratios[k], alpha=1e-3)
@@ -187,8 +188,9 @@ def main() -> None:
         found = np.array([v["ratio"] for v in mine if v.get("ratio") is not None])
         if len(found):
             marks = np.percentile(found, [0, 50, 95, 100])
-            print(f"{word}, {'quadrilaterals, hexahedra' if cut else 'simplices'}: {len(mine)}; bound over true: least {marks[0]:.2f}, median {marks[1]:.2f}, "
-                  f"95 % below {marks[2]:.2f}, largest {marks[3]:.2f}")  # fmt: skip
+            kind = "quadrilaterals, hexahedra" if cut else "simplices"
+            print(f"{word}, {kind}: {len(mine)}; bound over true: least {marks[0]:.2f}, median "
+                  f"{marks[1]:.2f}, 95 % below {marks[2]:.2f}, largest {marks[3]:.2f}")  # fmt: skip
     print(dict(words))
     if given.json is not None:
         record = {"benchmark": "bounds", "environment": common.environment(), "scenes": verdicts}

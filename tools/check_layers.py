@@ -243,6 +243,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "mesh_error",
         "balanced_cells",
         "balanced_parts",
+        "balanced_faces",
         "balanced_laws",
         "equilibrated",
         "errors",

@@ -16,7 +16,7 @@ from dolfinx_frontend.assembly.places import place_in, place_on_ranks
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.assembly.substructure import Sources, Substructure, ring
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.amplitudes import Amplitude

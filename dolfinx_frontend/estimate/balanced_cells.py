@@ -1,9 +1,10 @@
 """Cells cut into simplices, whose functions and stresses the kernel knows.
 
-The functions N of a quadrilateral or hexahedron are no polynomials of the degree of its simplices, the tractions
-on these are. What N asks of tractions at a node is distributed among the simplices around it, with force and
-moment of each in balance; the stress is divided into a part linear on each simplex, its projection onto what
-stresses in balance are made of, and the rest, which is orthogonal to all of these. Nothing is lost.
+The functions of a quadrilateral or hexahedron are no polynomials of the degree of its simplices, the
+tractions on these are. What such functions ask of tractions at a node is distributed among the simplices
+around it, with force and moment of each in balance; the stress is divided into what is linear on each
+simplex, its projection onto what stresses in balance are made of, and the rest, which is orthogonal to
+these. Nothing is lost.
 """
 
 from __future__ import annotations
@@ -22,18 +23,25 @@ from dolfinx_frontend.common.arrays import Array, Ints
 
 __all__ = ["FACET_OF", "Tables", "cut", "simplex_shapes"]
 
-FACET_OF = {"triangle": "interval", "tetrahedron": "triangle", "quadrilateral": "interval",
-            "hexahedron": "quadrilateral"}  # fmt: skip
+FACET_OF = {
+    "triangle": "interval",
+    "quadrilateral": "interval",
+    "tetrahedron": "triangle",
+    "hexahedron": "quadrilateral",
+}
 _SIMPLICES = ("interval", "triangle", "tetrahedron")
 _NOTHING = 1e-12
 """Of gradients on the reference cell: less is rounding."""
 _ROUNDS = 12
-"""Of Newton's method for the place of a point in a cell: from a quadrilateral's middle it squares what is left."""
+"""Of Newton's method for a point of a quadrilateral, which squares what is left in each."""
 
 
 def cut(cell: str, order: Ints) -> Ints:
-    """(n, simplices, corners): vertices of simplices in each cell, ascending in an order (n, vertices): from the
-    lowest one over the facets without it, which are cut alike. So both cells of a facet cut it in the same way."""
+    """(n, simplices, corners): vertices of simplices in each cell, ascending in an order (n, vertices).
+
+    They go from the lowest vertex to the facets without it, which are cut alike: so both cells of a facet cut
+    it in the same way.
+    """
     if cell in _SIMPLICES:
         return np.argsort(order, axis=1)[:, None]
     facets = np.array(basix.topology(basix.CellType[cell])[-2])
@@ -58,13 +66,14 @@ def _simplex(dim: int, degree: int) -> tuple[Any, Ints]:
 
 
 def simplex_shapes(dim: int, degree: int, derivatives: int, x: Array) -> Array:
-    """(1 [+ dim], points, functions) on the unit simplex: of its vertices, then of its edges (0, 1), (0, 2), ..."""
+    """(1 [+ dim], points, functions) on the unit simplex: of vertices, then of edges (0, 1), (0, 2), ..."""
     element, order = _simplex(dim, degree)
     return tabulate(element, derivatives, x)[:, :, order]
 
 
 def _rule(dim: int, degree: int) -> tuple[Array, Array]:
-    """Points (pieces, q, dim) and weights (pieces, q) of the simplices into which its centroid cuts the unit one."""
+    """Points (pieces, q, dim) and weights (pieces, q) of the pieces into which its centroid cuts the unit
+    simplex."""
     x, w = quadrature(basix.CellType[_SIMPLICES[dim - 1]], degree)
     corners = np.vstack([np.zeros(dim), np.eye(dim)])
     points, weights = [], []
@@ -78,8 +87,8 @@ def _rule(dim: int, degree: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Unit:
-    """Points of the unit simplex (m, d) with weights (pieces, q), linear functions there (m, d + 1), orthonormal, and
-    at the vertices, the kernel's of each piece (q, terms), and those of displacements (1 + d, m, nodes)."""
+    """Points of the unit simplex (m, d) with weights (pieces, q); orthonormal linear functions there
+    (m, d + 1) and at the vertices, the kernel's of each piece (q, terms), displacements (1 + d, m, nodes)."""
 
     x: Array
     weights: Array
@@ -99,16 +108,29 @@ class _Unit:
         pieces = [Equilibration.functions(dim, degree, p, each.T).T for p, each in enumerate(y)]
         return _Unit(x, w, lambdas @ linear.T, linear, pieces, simplex_shapes(dim, degree, 1, x))
 
+    def divided(self, functions: Array) -> tuple[Array, Array, Array]:
+        """Coefficients (..., columns) of functions (..., m): linear, of pieces beyond, and of the rest."""
+        shape = functions.shape[:-1]
+        along = functions @ (self.weights.reshape(-1, 1) * self.first)
+        left = (functions - along @ self.first.T).reshape(*shape, *self.weights.shape)
+        more = []
+        for p, each in enumerate(self.pieces):
+            more.append(left[..., p, :] @ (self.weights[p][:, None] * each))
+            left[..., p, :] -= more[-1] @ each.T
+        left = (left * np.sqrt(self.weights)).reshape(int(np.prod(shape)), -1)
+        u, s, _ = np.linalg.svd(left, full_matrices=False)
+        return along, np.concatenate(more, axis=-1), (u * s).reshape(*shape, -1)
+
 
 @dataclass(frozen=True)
 class Tables:
-    """What a way to cut a cell makes of its functions, on the reference cell, or on one that is none of its images.
+    """What a way to cut a cell makes of its functions, on the reference cell, or one that is no image of it.
 
     Attributes
     ----------
     slopes
-        (d, nodes, simplices, columns), coefficients of gradients in functions that are orthonormal on the unit
-        simplex: linear ones, those of the kernel's pieces beyond, and what is orthogonal to both.
+        (d, nodes, simplices, columns), coefficients of gradients in functions that are orthonormal on the
+        unit simplex: linear ones, those of the kernel's pieces beyond, and what is orthogonal to both.
     own
         (d, nodes, simplices, d + 1), the same of the functions of the simplices, for the nodes of the cell.
     sizes
@@ -116,15 +138,15 @@ class Tables:
     excess
         (nodes,), integral of the functions of the cell less those of its simplices.
     share
-        (simplices, nodes of a simplex, d, nodes, d): least forces on the simplices, each in balance, whose sums
-        are forces at nodes that are in balance.
+        (simplices, nodes of a simplex, d, nodes, d): least forces on the simplices, each in balance, whose
+        sums are forces at nodes that are in balance.
     linear
         (d + 1, d + 1), the linear functions at the vertices.
     beyond
         How many of the columns are of the kernel's pieces.
     traces, excess_on
-        Integrals over facets of the gradients (d, nodes, facets, nodes of a facet) and of 1 (facets, nodes of a
-        facet), times the functions of the simplices less those of the cell.
+        Integrals over facets of the gradients (d, nodes, facets, nodes of a facet) and of 1 (facets, nodes of
+        a facet), times the functions of the simplices less those of the cell.
     normals
         (facets, d), outward.
     """
@@ -142,40 +164,36 @@ class Tables:
 
     @classmethod
     def of(cls, element: Any, vertices: Array, corners: Ints, nodes: Ints) -> Tables:
-        """Of an element and the vertices (n, d) of a straight cell; (simplices, d + 1) vertices and (simplices, nodes)
-        of the cell, in the kernel's order."""
+        """Of an element and the vertices (n, d) of a straight cell, cut into simplices of its vertices
+        (simplices, d + 1) and nodes (simplices, nodes), in the kernel's order."""
         d, degree = corners.shape[1] - 1, int(element.degree)
         unit = _Unit.of(d, degree, degree if len(vertices) == d + 1 else d * degree)
-        flat, w, first, pieces = unit.x, unit.weights, unit.first, unit.pieces
+        w, each = unit.weights, unit.weights.reshape(-1, 1)
         tables, owns, sizes = [], [], []
         excess = np.zeros(element.dim)
         for at, here in zip(corners, nodes, strict=True):
             edges = vertices[at[1:]] - vertices[at[0]]
-            table = _tabulated(element, vertices, vertices[at[0]] + flat @ edges)
-            shapes = unit.shapes
+            table = _tabulated(element, vertices, vertices[at[0]] + unit.x @ edges)
             sizes.append(abs(np.linalg.det(edges)))
             excess += w.ravel() @ table[0] * sizes[-1]
-            excess[here] -= w.ravel() @ shapes[0] * sizes[-1]
-            gradient = table[1:].transpose(0, 2, 1)  # (d, nodes, points)
-            along = gradient @ (w.reshape(-1, 1) * first)
-            left = (gradient - along @ first.T).reshape(*gradient.shape[:2], *w.shape)
-            more = np.stack([left[:, :, p] @ (w[p][:, None] * v) for p, v in enumerate(pieces)], axis=2)
-            for p, v in enumerate(pieces):
-                left[:, :, p] -= more[:, :, p] @ v.T
-            more = more.reshape(*more.shape[:2], -1)
-            root_of_left = (left * np.sqrt(w)).reshape(d * element.dim, -1)
-            u, s, _ = np.linalg.svd(root_of_left, full_matrices=False)
-            tables.append((along, more, (u * s).reshape(d, element.dim, -1)))
-            own = np.einsum("im,mqk->ikq", np.linalg.inv(edges), shapes[1:]) @ (w.reshape(-1, 1) * first)
+            excess[here] -= w.ravel() @ unit.shapes[0] * sizes[-1]
+            tables.append(unit.divided(table[1:].transpose(0, 2, 1)))
             owns.append(np.zeros((d, element.dim, d + 1)))
-            owns[-1][:, here] = own
-        along, more, rest = (np.stack(each, axis=2) for each in zip(*tables, strict=True))
+            slopes = np.einsum("im,mqk->ikq", np.linalg.inv(edges), unit.shapes[1:])
+            owns[-1][:, here] = slopes @ (each * unit.first)
+        along, more, rest = (np.stack(part, axis=2) for part in zip(*tables, strict=True))
         kept = np.abs(rest).max(axis=(0, 1, 2)) > _NOTHING
         beyond = more.shape[3] if np.abs(more).max() > _NOTHING else 0
-        slopes = np.concatenate([along, more[..., :beyond], rest[..., kept]], axis=3)
-        share = _shares(vertices, element.dim, corners, nodes)
-        on_facets = _traces(vertices, element, corners, nodes)
-        return cls(slopes, np.stack(owns, axis=2), np.array(sizes), excess, share, unit.linear, beyond, *on_facets)
+        return cls(
+            np.concatenate([along, more[..., :beyond], rest[..., kept]], axis=3),
+            np.stack(owns, axis=2),
+            np.array(sizes),
+            excess,
+            _shares(vertices, element.dim, corners, nodes),
+            unit.linear,
+            beyond,
+            *_traces(vertices, element, corners, nodes),
+        )
 
 
 def _tabulated(element: Any, vertices: Array, x: Array) -> Array:
@@ -193,7 +211,8 @@ def _tabulated(element: Any, vertices: Array, x: Array) -> Array:
         if np.abs(step).max() < _NOTHING:
             break
     table = tabulate(element, 1, at)
-    return np.concatenate([table[:1], np.linalg.solve(slopes, table[1:].transpose(1, 0, 2)).transpose(1, 0, 2)])
+    table[1:] = np.linalg.solve(slopes, table[1:].transpose(1, 0, 2)).transpose(1, 0, 2)
+    return table
 
 
 def _shares(vertices: Array, functions: int, corners: Ints, nodes: Ints) -> Array:
@@ -219,7 +238,8 @@ def _shares(vertices: Array, functions: int, corners: Ints, nodes: Ints) -> Arra
 def _traces(vertices: Array, element: Any, corners: Ints, nodes: Ints) -> tuple[Array, Array, Array]:
     """See :class:`Tables`: in 2D, and on triangles, the functions are the same."""
     d, degree = corners.shape[1] - 1, int(element.degree)
-    facets, closure = np.array(basix.topology(element.cell_type)[-2]), np.array(element.entity_closure_dofs[d - 1])
+    facets = np.array(basix.topology(element.cell_type)[-2])
+    closure = np.array(element.entity_closure_dofs[d - 1])
     traces, excess = np.zeros((d, element.dim, *closure.shape)), np.zeros(closure.shape)
     normals = np.asarray(basix.cell.facet_outward_normals(element.cell_type))
     x, w = quadrature(basix.CellType.triangle, 2 * d * degree)
@@ -228,12 +248,12 @@ def _traces(vertices: Array, element: Any, corners: Ints, nodes: Ints) -> tuple[
         on = np.flatnonzero(np.all(np.any(facets[:, :, None] == own, axis=1), axis=1))
         for facet in on:
             edges = vertices[own[1:]] - vertices[own[0]]
-            area = np.linalg.norm(np.cross(*edges))
             table = tabulate(element, 1, vertices[own[0]] + x @ edges)
-            inside = np.delete(np.vstack([np.zeros(d), np.eye(d)]), a, axis=0)
+            unit = np.delete(np.vstack([np.zeros(d), np.eye(d)]), a, axis=0)
+            inside = unit[0] + x @ (unit[1:] - unit[0])
             shapes = -table[0]
-            shapes[:, nodes[s]] += simplex_shapes(d, degree, 0, inside[0] + x @ (inside[1:] - inside[0]))[0]
-            weighted = area * w[:, None] * shapes[:, closure[facet]]
+            shapes[:, nodes[s]] += simplex_shapes(d, degree, 0, inside)[0]
+            weighted = np.linalg.norm(np.cross(*edges)) * w[:, None] * shapes[:, closure[facet]]
             excess[facet] += weighted.sum(axis=0)
             traces[:, :, facet] += table[1:].transpose(0, 2, 1) @ weighted
     return traces, excess, normals

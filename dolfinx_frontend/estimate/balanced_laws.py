@@ -12,7 +12,8 @@ import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.estimate.balanced_parts import SETTINGS, OnFace
+from dolfinx_frontend.estimate.balanced_faces import OnFace
+from dolfinx_frontend.estimate.balanced_parts import SETTINGS
 from dolfinx_frontend.scene.laws import Law
 
 __all__ = ["contact_pressure", "gap_of_contact", "gap_of_friction", "gap_of_springs"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -13,28 +13,28 @@ import numpy as np
 from latin_core import Equilibration
 
 from dolfinx_frontend.assembly.elements import quadrature, tabulate
-from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.matrix_part import has_mesh
-from dolfinx_frontend.assembly.part_loads import FaceOf
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.balanced_cells import FACET_OF, Tables, cut, simplex_shapes
+from dolfinx_frontend.estimate.balanced_cells import Tables, cut, simplex_shapes
 from dolfinx_frontend.scene.materials import VOIGT
 
 __all__ = [
     "SETTINGS",
     "Body",
+    "Facets",
     "Inputs",
-    "OnFace",
     "Settings",
     "between_cells",
     "correct",
     "lifted",
     "refused",
+    "strain_of",
+    "tensor_of",
 ]
 
 
@@ -69,12 +69,6 @@ class Settings:
 
 
 SETTINGS = Settings()
-
-MORE = 2
-"""Degree beyond products of shape functions to which tractions are integrated: those that are none show."""
-
-_SQUARE = ((0, 1), (0, 2), (1, 3), (2, 3))
-"""Edges of a square, as basix has them."""
 
 _MOST = 20_000_000
 """Numbers that are worked on at once."""
@@ -115,10 +109,11 @@ class Body:
         units = [int(np.argmin(np.abs(self.corners - axis).sum(axis=1))) for axis in np.eye(d)]
         self.edges = np.swapaxes(self.x[:, units] - self.x[:, :1], 1, 2)  # (cells, d, d) of the map
         affine = self.x[:, :1] + np.einsum("vm,ckm->cvk", self.corners, self.edges)
-        self.askew = np.abs(affine - self.x).max(axis=(1, 2)) > SETTINGS.rounding * self._sizes  # no parallelograms
+        off = np.abs(affine - self.x).max(axis=(1, 2))
+        self.askew = off > SETTINGS.rounding * self._sizes  # no image of the reference cell
         if d == 3 and np.any(self.askew):
             raise refused(f"{where} has hexahedra that are no parallelepipeds")
-        self.edges[self.askew] = np.eye(d)  # these are taken as they are
+        self.edges[self.askew] = self._sizes[self.askew, None, None] * np.eye(d)  # see _reference
         self.facet_nodes = np.array(element.entity_closure_dofs[d - 1])
         middles = 0.5 * (self.corners[:, None] + self.corners)
         points = np.asarray(element.points)
@@ -128,7 +123,7 @@ class Body:
         self.held = np.zeros((len(self.u), part.dim, part.dim))  # what supports take
         self.change = np.zeros_like(self.u)  # what these do
         self.lifted = np.zeros_like(self.u)  # to a displacement that is admissible
-        self.facets: list[_Facets] = []
+        self.facets: list[Facets] = []
         self.initial = np.zeros((*self.x.shape[:2], len(matrix)))
 
     def number(self, numbers: Ints) -> None:
@@ -138,7 +133,7 @@ class Body:
         self.local = cut(self.cell, self.order)  # (cells, simplices, d + 1)
 
     def nodes_of(self, cells: Ints, local: Ints) -> Ints:
-        """(cells, simplices, nodes): those of simplices of vertices (cells, simplices, k), then of their edges."""
+        """(cells, simplices, nodes) at vertices (cells, simplices, k), then in the middles of edges."""
         found = [self.at_vertex[local]]
         if self.degree > 1:
             pairs = combinations(range(local.shape[2]), 2)
@@ -197,9 +192,13 @@ class Body:
         _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         alike = [np.flatnonzero(which.ravel() == way) for way in range(len(first))]
         return [
-            (Tables.of(self.element, self.x[k] if self.askew[k] else self.corners, self.local[k], inside[k]), cells)
+            (Tables.of(self.element, self._reference(k), self.local[k], inside[k]), cells)
             for k, cells in zip(first, alike, strict=True)
         ]
+
+    def _reference(self, cell: int) -> Array:
+        """Vertices of which it is an affine image."""
+        return self.x[cell] / self._sizes[cell] if self.askew[cell] else self.corners
 
     def divided(self, more: Array) -> _Divided:
         """What balances on the mesh, and what tractions have to make up (cells, nodes, d) besides."""
@@ -223,7 +222,7 @@ class Body:
         u, volume = (self.u + self.change)[self.dofs[cells]], self.volumes[cells]
         inverse = np.linalg.inv(self.edges[cells])
         gradient = np.einsum("cik,misx,cmj->csxkj", u, slopes, inverse, optimize=True)
-        strain = _strain(gradient)  # (cells, simplices, columns, components)
+        strain = strain_of(gradient)  # (cells, simplices, columns, components)
         stress = strain @ self.elasticity.T
         beyond = d + 1 + tables.beyond
         out.orthogonal[cells] = volume * np.einsum(
@@ -238,47 +237,24 @@ class Body:
         less = slopes.copy()
         less[..., : d + 1] -= tables.own
         less *= tables.sizes[:, None]
-        forces = np.einsum("csxkl,cml,misx->cik", _tensor(stress), inverse, less, optimize=True)
+        forces = np.einsum("csxkl,cml,misx->cik", tensor_of(stress), inverse, less, optimize=True)
         forces -= tables.excess[:, None] * self.force[cells][:, None]
         forces = volume[:, None, None] * forces + more[cells]
         local = np.einsum("cmk,cik->cim", inverse, forces)
-        out.shift[cells] = np.einsum("ckm,samjn,cjn->csak", self.edges[cells], tables.share, local, optimize=True)
+        edges = self.edges[cells]
+        out.shift[cells] = np.einsum("ckm,samjn,cjn->csak", edges, tables.share, local, optimize=True)
 
     def excess_on_facets(self) -> Array:
-        """(cells, facets, nodes, d) of the stress's own tractions: see :meth:`OnFace.excess`."""
+        """(cells, facets, nodes, d) of the stress's own tractions: see ``OnFace.excess``."""
         out = np.zeros((len(self.dofs), *self.facet_nodes.shape, self.part.dim))
         for tables, cells in self.ways:
             u, inverse = (self.u + self.change)[self.dofs[cells]], np.linalg.inv(self.edges[cells])
             gradient = np.einsum("cik,mifx,cmj->cfxkj", u, tables.traces, inverse, optimize=True)
-            stress = _strain(gradient) @ self.elasticity.T
+            stress = strain_of(gradient) @ self.elasticity.T
             stress -= tables.excess_on[:, :, None] * self.initial[cells].mean(axis=1)[:, None, None]
             normals = np.einsum("fm,cml,c->cfl", tables.normals, inverse, self.volumes[cells])
-            out[cells] = np.einsum("cfxkl,cfl->cfxk", _tensor(stress), normals)
+            out[cells] = np.einsum("cfxkl,cfl->cfxk", tensor_of(stress), normals)
         return out
-
-    def own_traction(self, face: OnFace) -> Array:
-        """(m, d) of the stress at the points of a face."""
-        slopes = tabulate(self.element, 1, face.inside)[1:]
-        inverse = np.linalg.inv(self.edges[face.cell_of])
-        gradient = np.einsum("pik,mpi,pmj->pkj", self.u[self.dofs[face.cell_of]], slopes, inverse)
-        stress = _strain(gradient) @ self.elasticity.T - self.initial[face.cell_of].mean(axis=1)
-        return np.asarray(np.einsum("pkl,pl->pk", _tensor(stress), face.normals))
-
-    def on_face(self, face: OnFace, traction: Array, held: Array) -> None:
-        """Tractions (m, d) at the points of a face, and a projector (d, d) onto what a support takes."""
-        moments = face.moments(traction)
-        taken = bool(held.any()) and face.square
-        found = face.excess(self.own_traction(face) @ held if taken else traction)
-        self.facets.append(
-            _Facets(
-                self.numbers[face.nodes[:, : self.part.dim]],
-                np.repeat(face.cells, len(moments) // len(face.cells)),
-                moments,
-                np.tile(held, (len(moments), 1, 1)),
-                found,
-                np.full(len(moments), taken),
-            )
-        )
 
 
 def _linear(cell: str) -> Any:
@@ -287,7 +263,7 @@ def _linear(cell: str) -> Any:
     return basix.create_element(basix.ElementFamily.P, kind, 1, basix.LagrangeVariant.equispaced)
 
 
-def _strain(gradient: Array) -> Array:
+def strain_of(gradient: Array) -> Array:
     """Engineering strains (..., components) of gradients (..., d, d)."""
     return np.stack(
         [
@@ -298,7 +274,7 @@ def _strain(gradient: Array) -> Array:
     )
 
 
-def _tensor(stress: Array) -> Array:
+def tensor_of(stress: Array) -> Array:
     """(..., d, d) of components (..., components)."""
     d = {3: 2, 6: 3}[stress.shape[-1]]
     out = np.zeros((*stress.shape[:-1], d, d))
@@ -309,9 +285,11 @@ def _tensor(stress: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Divided:
-    """The stress of a part on its simplices: linear (cells, simplices, corners, components), beyond (cells,
-    simplices, n), energies (cells,) of what no stress in balance has; and what they lack besides (cells, simplices,
-    nodes, d)."""
+    """The stress of a part on its simplices.
+
+    Linear (cells, simplices, corners, components); what tractions are to make up besides (cells, simplices,
+    nodes, d); the stress beyond (cells, simplices, n); energies (cells,) of what no stress in balance has.
+    """
 
     stress: Array
     shift: Array
@@ -319,10 +297,13 @@ class _Divided:
     orthogonal: Array
 
 
-class _Facets(NamedTuple):
-    """Tractions on facets of simplices: their vertices (n, d), cells (n,), moments (n, nodes, d), projectors (n, d, d),
-    moments with functions of the simplices less those of the cell (n, nodes of the cell, d), and whether these are
-    of what a support takes (n,)."""
+class Facets(NamedTuple):
+    """Tractions on facets of simplices.
+
+    Their vertices (n, d), cells (n,), moments (n, nodes, d) and projectors (n, d, d); moments with functions
+    of the simplices less those of the cell (n, nodes of the cell, d), and whether these are of what a support
+    takes (n,).
+    """
 
     vertices: Ints
     cells: Ints
@@ -332,149 +313,16 @@ class _Facets(NamedTuple):
     taken: Flags
 
 
-@dataclass(frozen=True)
-class _Hull:
-    """A field by its values at nodes (elements, k), and by Bernstein coefficients, in whose hull it is."""
-
-    nodes: Ints
-    matrix: Array
-
-    def coefficients(self, nodal: Array) -> Array:
-        """(nodes,) of values (nodes,)."""
-        return self._mapped(self.matrix, nodal)
-
-    def values(self, coefficients: Array) -> Array:
-        """(nodes,) of coefficients."""
-        return self._mapped(np.linalg.inv(self.matrix), coefficients)
-
-    def _mapped(self, matrix: Array, given: Array) -> Array:
-        out = given.copy()
-        out[self.nodes] = given[self.nodes] @ matrix.T
-        return out
-
-
-def _bernstein(corners: int, degree: int) -> Array:
-    """Coefficients by values at vertices, edges (0, 1), (0, 2), ...; of a square (corners = 4) and its centre."""
-    if degree == 1:
-        return np.eye(corners)
-    edges = _SQUARE if corners == 4 else list(combinations(range(corners), 2))
-    out = np.eye(corners + len(edges) + (corners == 4))
-    for row, ends in enumerate(edges, start=corners):
-        out[row, row], out[row, list(ends)] = 2.0, -0.5
-    if corners == 4:
-        out[-1] = [0.25] * 4 + [-1.0] * 4 + [4.0]
-    return out
-
-
-class OnFace(FaceOf):
-    """A face of a part for tractions: continuous polynomials of the cells' degree on the facets of the simplices."""
-
-    def __init__(self, body: Body, face: str, where: str) -> None:
-        self.body = body
-        super().__init__(body.part, face, where)  # calls _points
-        self.weights_of = self.weights.reshape(len(self.nodes), -1)
-        k, q = self.nodes.shape[1], self.weights_of.shape[1]
-        rows = np.repeat(np.arange(len(self.weights)), k)
-        values = np.tile(self.functions.ravel(), len(self.nodes))
-        shape = (len(self.weights), len(body.u))
-        self.pull = sp.csr_matrix((values, (rows, np.repeat(self.nodes, q, axis=0).ravel())), shape=shape)
-        self.places = body.part.dof_coordinates
-
-    def _points(self, facets: FacetMap, degree: int) -> tuple[Ints, Array, Array]:
-        body, d = self.body, self.body.part.dim
-        self.cells = np.asarray(facets.cells)
-        vertices = np.array(basix.topology(self.body.element.cell_type)[d - 1])[facets.local]
-        inner = cut(FACET_OF[body.cell], np.take_along_axis(body.order[self.cells], vertices, axis=1))
-        local = np.take_along_axis(vertices, inner.reshape(len(inner), -1), axis=1).reshape(inner.shape)
-        nodes = body.nodes_of(self.cells, local)
-        self.nodes = nodes.reshape(-1, nodes.shape[2])  # (facets of simplices, nodes), vertices ascending
-        self.hull = _Hull(self.nodes, _bernstein(d, degree))
-        self.hull_of_jumps = self.hull
-        self.square = vertices.shape[1] == 4
-        if self.square:
-            of_square = [body.at_vertex[vertices]]
-            if degree > 1:
-                ends = vertices[:, [*_SQUARE, (0, 3)]]
-                of_square.append(body.between[ends[..., 0], ends[..., 1]])
-            found = np.take_along_axis(body.dofs[self.cells], np.concatenate(of_square, axis=1), axis=1)
-            self.hull_of_jumps = _Hull(found, _bernstein(4, degree))
-        highest = degree * (d - 1) if self.square else degree
-        x, w = quadrature(basix.CellType[("interval", "triangle")[d - 2]], 2 * highest + MORE)
-        self.functions = simplex_shapes(d - 1, degree, 0, x)[0]  # (q, nodes)
-        places = np.einsum("qv,nfvi->nfqi", simplex_shapes(d - 1, 1, 0, x)[0], body.corners[local])
-        places -= facets.origin[facets.local][:, None, None]
-        at = np.einsum("nij,nfqj->nfqi", np.linalg.pinv(facets.tangents)[facets.local], places)
-        index = np.repeat(np.arange(len(local)), local.shape[1] * len(w))
-        self.cell_of, self.inside = self.cells[index], facets.reference(index, at.reshape(-1, d - 1))
-        return index, at.reshape(-1, d - 1), np.tile(w, len(self.nodes))
-
-    def moments(self, traction: Array) -> Array:
-        """(facets, nodes, d) of tractions (m, d) at the points, with the functions of facets of simplices."""
-        weighted = self.weights_of[:, :, None] * traction.reshape(*self.weights_of.shape, -1)
-        return np.asarray(np.einsum("qk,fqd->fkd", self.functions, weighted))
-
-    def forces(self, traction: Array) -> Array:
-        """Forces (nodes, d) of tractions (m, d) at the points."""
-        return np.asarray(self.shape.T @ (self.weights[:, None] * traction))
-
-    def excess(self, traction: Array) -> Array:
-        """(facets, nodes of the cell, d): moments with functions of the simplices less those of the cell."""
-        out = np.zeros((len(self.nodes), self.body.dofs.shape[1], traction.shape[1]))
-        if self.square and traction.any():
-            off = (self.pull - self.shape).tocoo()
-            facet = off.row // self.weights_of.shape[1]
-            cell = self.cell_of[off.row]
-            node = np.argmax(self.body.dofs[cell] == off.col[:, None], axis=1)
-            np.add.at(out, (facet, node), (off.data * self.weights[off.row])[:, None] * traction[off.row])
-        return out
-
-    def misfit(self, traction: Array) -> float:
-        """How far tractions (m, d) are from polynomials of the facets, relative."""
-        mass = np.einsum("qk,fq,ql->fkl", self.functions, self.weights_of, self.functions)
-        nearest = np.einsum("qk,fkd->fqd", self.functions, np.linalg.solve(mass, self.moments(traction)))
-        off = np.abs(nearest.reshape(traction.shape) - traction).max()
-        return float(off / max(np.abs(traction).max(), 1e-300))
-
-    @property
-    def flat(self) -> bool:
-        """Whether all facets have one normal."""
-        return bool(np.abs(self.normals - self.normals[0]).max() <= SETTINGS.rounding)
-
-    def linear(self, x: Array) -> Array:
-        """1 and the coordinates along a flat face, about its middle, of places (..., d): (..., d)."""
-        tangents = np.linalg.svd(self.normals[:1])[2][1:]
-        size = np.abs(self.arms).max()
-        along = (x - self.centre) @ tangents.T / size
-        return np.concatenate([np.ones((*x.shape[:-1], 1)), along], axis=-1)
-
-    def integrals(self, nodes: Ints) -> Array:
-        """(d, k) of the functions of coefficients of tractions times :meth:`linear`, at nodes (k,)."""
-        of_nodes = self.moments(self.linear(self.x))  # (facets, nodes, d)
-        by = np.einsum("fkd,kl->dfl", of_nodes, np.linalg.inv(self.hull.matrix))
-        out = np.zeros((len(by), len(self.places)))
-        for row, each in zip(out, by, strict=True):
-            np.add.at(row, self.nodes, each)
-        return out[:, nodes]
-
-    def traction(self, nodal: Array) -> Array:
-        """Values (nodes, d) of the traction that exerts forces (nodes, d)."""
-        nodes = np.unique(self.nodes)
-        mass = self.shape[:, nodes].T @ sp.diags(self.weights) @ self.pull[:, nodes]
-        found = np.zeros_like(nodal)
-        found[nodes] = sp.linalg.splu(mass.tocsc()).solve(np.ascontiguousarray(nodal[nodes]))
-        return found
-
-
-def correct(bodies: Mapping[str, Body], numbers: Mapping[str, Ints], count: int, motions: Array) -> None:
+def correct(bodies: Sequence[Body], count: int, motions: Array) -> None:
     """What the forces that an answer leaves do to its parts, which stay glued and held (`Body.change`); but
     those that drive free motions (count * d, r), which are the iteration's error."""
-    d = next(iter(bodies.values())).part.dim
+    d = bodies[0].part.dim
     held, right, largest = np.zeros((count, d, d)), np.zeros((count, d)), 0.0
-    for name, body in bodies.items():
+    for body in bodies:
         inner = (body.part.matrix @ body.u.ravel()).reshape(body.u.shape)
         largest = max(largest, np.abs(inner).max(initial=0.0), np.abs(body.acting).max(initial=0.0))
-        np.add.at(right, numbers[name], body.acting - inner)
-        np.add.at(held, numbers[name], body.held)
+        np.add.at(right, body.numbers, body.acting - inner)
+        np.add.at(held, body.numbers, body.held)
     free = _free(held)
     right = np.einsum("nij,nj->ni", free, right)
     enough = SETTINGS.share * SETTINGS.rounding * largest
@@ -482,15 +330,15 @@ def correct(bodies: Mapping[str, Body], numbers: Mapping[str, Ints], count: int,
         return
     project = _by_node(free)
     matrix = sp.csr_matrix(project.shape)
-    for name, body in bodies.items():
-        places = (d * numbers[name][:, None] + np.arange(d)).ravel()
+    for body in bodies:
+        places = (d * body.numbers[:, None] + np.arange(d)).ravel()
         entries = np.ones(len(places)), (places, np.arange(len(places)))
         spread = sp.csr_matrix(entries, shape=(count * d, len(places)))
         matrix = matrix + spread @ body.part.matrix @ spread.T
     driven = right.ravel() - motions @ (motions.T @ right.ravel())
     found = solved_by_cg(project @ matrix @ project, driven, enough).reshape(-1, d)
-    for name, body in bodies.items():
-        body.change[:] = found[numbers[name]]
+    for body in bodies:
+        body.change[:] = found[body.numbers]
 
 
 def lifted(body: Body, nodes: Ints, moved: Array, normal: Array, fixed: Flags) -> Array:
@@ -532,8 +380,11 @@ def solved_by_cg(matrix: Any, right: Array, enough: float) -> Array:
 
 
 def between_cells(bodies: Sequence[Body]) -> list[Array]:
-    """(cells, nodes, d) of each body: by how much more tractions have to make up at nodes of cells where these are
-    tested with functions of the simplices: of what is continuous, and so nothing in the sum at a node."""
+    """By how much more tractions make up at nodes of cells (cells, nodes, d) of each body.
+
+    Tested with functions of simplices instead of those of cells, what is continuous asks for nothing in the
+    sum of both sides: so an exact stress needs no change.
+    """
     out = [np.zeros((*body.dofs.shape, body.part.dim)) for body in bodies]
     keys, nodes, own = [], [], []
     solid = [k for k, body in enumerate(bodies) if body.cell == "hexahedron"]
@@ -549,7 +400,7 @@ def between_cells(bodies: Sequence[Body]) -> list[Array]:
         _, facet, sides = np.unique(flat, axis=0, return_inverse=True, return_counts=True)
         sums = np.zeros((len(sides), *own[0].shape[2:]))
         np.add.at(sums, facet.ravel(), np.concatenate([each.reshape(-1, *each.shape[2:]) for each in own]))
-        mean = (sums / sides[:, None, None])[facet.ravel()]  # of outward ones: half of the jump, or what is alone
+        mean = (sums / sides[:, None, None])[facet.ravel()]  # outward ones: half of the jump, or the only one
         for k, at, each in zip(solid, nodes, own, strict=True):
             mine, mean = mean[: each.shape[0] * each.shape[1]], mean[each.shape[0] * each.shape[1] :]
             np.add.at(out[k], (np.arange(len(at))[:, None, None], at), each - mine.reshape(each.shape))
@@ -589,7 +440,7 @@ class Inputs:
         self.simplices.append(simplices)
 
     def _merged(self, body: Body, more: Array) -> dict[str, Array]:
-        """What acts on facets, each once; `more` (cells, nodes, d) gets what simplices have of it beyond cells."""
+        """What acts on facets, each once; `more` gets what simplices have of it beyond cells."""
         if not body.facets:
             return {}
         every = [np.concatenate(each) for each in zip(*body.facets, strict=True)]
@@ -642,7 +493,9 @@ class Inputs:
         )
 
     def by_cells(self, energies: Array) -> list[Array]:
-        """Energies (simplices of all parts,) by cells of each part, with what no stress in balance has of them."""
-        counts = [len(rest) * each for rest, each in zip(self.rests, self.simplices, strict=True)]
-        parts = np.split(energies, np.cumsum(counts)[:-1])
-        return [e.reshape(len(rest), -1).sum(axis=1) + rest for e, rest in zip(parts, self.rests, strict=True)]
+        """From those of all simplices: of the cells of each part, with what no stress in balance has."""
+        out = []
+        for rest, each in zip(self.rests, self.simplices, strict=True):
+            own, energies = energies[: len(rest) * each], energies[len(rest) * each :]
+            out.append(own.reshape(-1, each).sum(axis=1) + rest)
+        return out

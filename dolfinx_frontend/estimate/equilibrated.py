@@ -27,6 +27,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.estimate.balanced_cells import cut
+from dolfinx_frontend.estimate.balanced_faces import OnFace
 from dolfinx_frontend.estimate.balanced_laws import (
     contact_pressure,
     gap_of_contact,
@@ -37,7 +38,6 @@ from dolfinx_frontend.estimate.balanced_parts import (
     SETTINGS,
     Body,
     Inputs,
-    OnFace,
     between_cells,
     correct,
     lifted,
@@ -118,7 +118,8 @@ class _Work:
             if not body.straight():
                 self.notes.append(f"{name!r} has curved cells")
             if np.any(body.askew):
-                self.notes.append(f"{name!r} has cells that are no parallelograms: integrals of its stress are rounded")
+                why = "integrals of their stress are not exact"
+                self.notes.append(f"{name!r} has cells that are no parallelograms: {why}")
             body.acting += self.problem.load_on(name).reshape(body.u.shape)
             self._own_force(body)
 
@@ -170,7 +171,7 @@ class _Work:
             if found is None:
                 self._inside(body, load, parameter, number)
                 continue
-            self._exert(body, found[0], number * found[1], load.load.where)
+            self._exert(found[0], number * found[1], load.load.where)
 
     def _own_force(self, body: Body) -> None:
         """The constant body force of a part, told by its nodal forces."""
@@ -182,10 +183,10 @@ class _Work:
             raise refused(f"substructure {body.part.name!r}: its body force is not the same everywhere")
         body.force += force
 
-    def _exert(self, body: Body, face: OnFace, traction: Array, where: str) -> None:
+    def _exert(self, face: OnFace, traction: Array, where: str) -> None:
         if face.misfit(traction) > SETTINGS.rounding:
             self.notes.append(f"{where}: its traction is no polynomial of the degree of the cells")
-        body.on_face(face, traction, np.zeros((body.part.dim,) * 2))
+        face.exert(traction)
 
     def _initial(self, body: Body, load: PartLoad, parameter: str, number: float) -> None:
         """Stress of an initial strain, linear in each cell."""
@@ -195,7 +196,8 @@ class _Work:
         d, cells = body.part.dim, np.arange(len(body.dofs), dtype=np.int32)
         values = expression.eval(mesh, cells).reshape(len(cells), len(points), d, d)
         own = number * np.stack([values[..., i, j] for i, j in VOIGT[d]], axis=-1)
-        bent = np.abs(own[:, -1] - own[:, :-1].mean(axis=1)).max()
+        linear = np.column_stack([np.ones(len(points)), points])
+        bent = np.abs(own - np.einsum("ij,cjk->cik", linear @ np.linalg.pinv(linear), own)).max()
         if bent > SETTINGS.rounding * np.abs(own).max():
             self.notes.append(f"{load.load.where}: its stress is not linear in the cells")
         body.initial += own[:, :-1]
@@ -219,7 +221,7 @@ class _Work:
         if off > SETTINGS.rounding * np.abs(body.u).max(initial=0.0):
             self.notes.append(f"{interface.name!r} is not held as it should be between nodes")
         projector = directions.T @ directions
-        body.on_face(face, np.zeros_like(face.x), projector)
+        face.exert(np.zeros_like(face.x), projector)
         body.held[np.unique(face.nodes)] += projector
 
     def _loaded(self, interface: Interface, law: Law) -> None:
@@ -230,7 +232,7 @@ class _Work:
         axes, _ = frames(face.normals, None)
         points: Any = _Points(interface.name, face.x, face.weights, axes)
         traction = np.einsum("pij,pi->pj", axes, np.asarray(law.load(points)))
-        self._exert(body, face, traction, f"interface {interface.name!r}")
+        self._exert(face, traction, f"interface {interface.name!r}")
         body.acting += face.forces(traction)
 
     def _joint(self, interface: Interface, law: Law, rests: bool) -> None:
@@ -282,7 +284,7 @@ class _Work:
     def _pull(self, body: Body, face: OnFace, traction: Array) -> None:
         """A traction (nodes, d) on a face."""
         values = face.pull @ traction
-        body.on_face(face, values, np.zeros((body.part.dim,) * 2))
+        face.exert(values)
         body.acting += face.forces(values)
 
     def _jump(self, interface: Interface) -> Array:
@@ -368,8 +370,10 @@ class _Work:
         body.lifted += lifted(body, mine, sign * lift[nodes], normal, fixed)
 
     def _number(self) -> None:
-        """Number the nodes of all parts: the same where parts are glued, and along a line across all parts, so that
-        like cells are cut alike, as both sides of an interface are whose nodes match."""
+        """Number the nodes of all parts: the same where parts are glued, and along a line across all of them.
+
+        So like cells are cut alike, and both sides of an interface whose nodes match.
+        """
         first = np.cumsum([0, *(len(body.u) for body in self.bodies.values())])
         self.own = {n: slice(a, b) for n, a, b in zip(self.bodies, first[:-1], first[1:], strict=True)}
         pairs: dict[bool, list[Array]] = {True: [], False: []}
@@ -399,7 +403,8 @@ class _Work:
         d = self.problem.dim
         signs = np.array(list(product([1.0, -1.0], repeat=d - 1)))
         every = [np.array(turned) * (1.0, *sign) for turned in permutations(_ACROSS[:d]) for sign in signs]
-        some = [(b.cell, b.x[:: 1 + len(b.x) // SETTINGS.looked_at]) for b in self.bodies.values() if b.is_cut]
+        cells = [body for body in self.bodies.values() if body.is_cut]
+        some = [(body.cell, body.x[:: 1 + len(body.x) // SETTINGS.looked_at]) for body in cells]
 
         def length(direction: Array) -> float:
             found = 0.0
@@ -410,12 +415,12 @@ class _Work:
                 found += float(((corners - corners.mean(axis=1, keepdims=True)) ** 2).sum())
             return found
 
-        return min(every, key=length) if some else every[0]
+        lengths = np.array([length(each) for each in every])  # the first of equal ones, whatever is rounded
+        return every[int(np.argmax(lengths <= lengths.min() * (1.0 + SETTINGS.rounding)))]
 
     def bound(self, began: float) -> EnergyBound:
         """The stress in balance, and its distance."""
-        d = self.problem.dim
-        own = {n: body.numbers for n, body in self.bodies.items()}
+        d, bodies = self.problem.dim, list(self.bodies.values())
         count = int(self.numbers.max()) + 1
         rigid = free_motions(
             {n: (part.centre, part.length) for n, part in self.problem.parts.items()},
@@ -427,10 +432,9 @@ class _Work:
             self._joint(interface, law, all(side.substructure not in moving for side in interface.sides))
         motions = np.zeros((count, d, len(rigid)))
         for name, body in self.bodies.items():
-            motions[own[name]] = rigid.at(name, body.part.dof_coordinates)
-        correct(self.bodies, own, count, np.linalg.qr(motions.reshape(count * d, -1)).Q)
+            motions[body.numbers] = rigid.at(name, body.part.dof_coordinates)
+        correct(bodies, count, np.linalg.qr(motions.reshape(count * d, -1)).Q)
         inputs = Inputs(d)
-        bodies = list(self.bodies.values())
         for body, more in zip(bodies, between_cells(bodies), strict=True):
             inputs.add(body, more)
         stop_if_pressed()
