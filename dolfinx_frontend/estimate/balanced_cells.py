@@ -105,7 +105,7 @@ class _Unit:
         x = y.reshape(-1, dim)
         lambdas = simplex_shapes(dim, 1, 0, x)[0]
         linear = np.linalg.inv(np.linalg.cholesky(lambdas.T @ (w.reshape(-1, 1) * lambdas)))
-        pieces = [Equilibration.functions(dim, degree, p, each.T).T for p, each in enumerate(y)]
+        pieces = [Equilibration.functions(dim, degree, p, y[p].T).T for p in range(len(y))]
         return _Unit(x, w, lambdas @ linear.T, linear, pieces, simplex_shapes(dim, degree, 1, x))
 
     def divided(self, functions: Array) -> tuple[Array, Array, Array]:
@@ -168,19 +168,20 @@ class Tables:
         (simplices, d + 1) and nodes (simplices, nodes), in the kernel's order."""
         d, degree = corners.shape[1] - 1, int(element.degree)
         unit = _Unit.of(d, degree, degree if len(vertices) == d + 1 else d * degree)
-        w, each = unit.weights, unit.weights.reshape(-1, 1)
+        w = unit.weights
         tables, owns, sizes = [], [], []
         excess = np.zeros(element.dim)
         for at, here in zip(corners, nodes, strict=True):
-            edges = vertices[at[1:]] - vertices[at[0]]
-            table = _tabulated(element, vertices, vertices[at[0]] + unit.x @ edges)
+            x: Array = vertices[at]
+            edges = x[1:] - x[0]
+            table = _tabulated(element, vertices, x[0] + unit.x @ edges)
             sizes.append(abs(np.linalg.det(edges)))
             excess += w.ravel() @ table[0] * sizes[-1]
             excess[here] -= w.ravel() @ unit.shapes[0] * sizes[-1]
             tables.append(unit.divided(table[1:].transpose(0, 2, 1)))
             owns.append(np.zeros((d, element.dim, d + 1)))
             slopes = np.einsum("im,mqk->ikq", np.linalg.inv(edges), unit.shapes[1:])
-            owns[-1][:, here] = slopes @ (each * unit.first)
+            owns[-1][:, here] = slopes @ (w.reshape(-1, 1) * unit.first)
         along, more, rest = (np.stack(part, axis=2) for part in zip(*tables, strict=True))
         kept = np.abs(rest).max(axis=(0, 1, 2)) > _NOTHING
         beyond = more.shape[3] if np.abs(more).max() > _NOTHING else 0

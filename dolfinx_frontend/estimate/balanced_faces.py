@@ -38,7 +38,7 @@ class _Hull:
 
     def values(self, coefficients: Array) -> Array:
         """(nodes,) of coefficients."""
-        return self._mapped(np.linalg.inv(self.matrix), coefficients)
+        return self._mapped(np.asarray(np.linalg.inv(self.matrix)), coefficients)
 
     def _mapped(self, matrix: Array, given: Array) -> Array:
         out = given.copy()
@@ -111,14 +111,15 @@ class OnFace(FaceOf):
         """Tractions (m, d) at the points on the part, or a projector (d, d) onto what a support takes."""
         body, d = self.body, self.body.part.dim
         moments, count = self.moments(traction), len(self.nodes)
-        taken = held is not None and self.square
+        taken = self.square and held is not None
+        support = np.zeros((d, d)) if held is None else held
         body.facets.append(
             Facets(
                 body.numbers[self.nodes[:, :d]],
                 np.repeat(self.cells, count // len(self.cells)),
                 moments,
-                np.tile(np.zeros((d, d)) if held is None else held, (count, 1, 1)),
-                self.excess(self._own_traction() @ held if taken else traction),
+                np.tile(support, (count, 1, 1)),
+                self.excess(self._own_traction() @ support if taken else traction),
                 np.full(count, taken),
             )
         )

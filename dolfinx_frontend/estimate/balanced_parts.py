@@ -162,7 +162,7 @@ class Body:
         sizes = np.abs(np.linalg.det(np.einsum("iqv,cvk->cqik", slopes, self.x)))
         each = (sizes * w) @ tabulate(self.element, 0, x)[0]
         share = np.bincount(self.dofs.ravel(), each.ravel(), len(self.u))
-        return np.outer(share, force)
+        return np.asarray(np.outer(share, force))
 
     def straight(self) -> bool:
         """Whether nodes of edges are in their middles."""

@@ -409,14 +409,15 @@ class _Work:
         def length(direction: Array) -> float:
             found = 0.0
             for cell, x in some:
-                local = cut(cell, x @ direction)
+                local = cut(cell, np.argsort(np.argsort(x @ direction, axis=1), axis=1))
                 corners = np.take_along_axis(x, local.reshape(len(x), -1)[..., None], axis=1)
                 corners = corners.reshape(-1, d + 1, d)
                 found += float(((corners - corners.mean(axis=1, keepdims=True)) ** 2).sum())
             return found
 
         lengths = np.array([length(each) for each in every])  # the first of equal ones, whatever is rounded
-        return every[int(np.argmax(lengths <= lengths.min() * (1.0 + SETTINGS.rounding)))]
+        best: Array = every[int(np.argmax(lengths <= lengths.min() * (1.0 + SETTINGS.rounding)))]
+        return best
 
     def bound(self, began: float) -> EnergyBound:
         """The stress in balance, and its distance."""
