@@ -20,7 +20,7 @@ from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.balanced_cells import Tables, cut, simplex_shapes
+from dolfinx_frontend.estimate.balanced_cells import FACET_OF, Tables, cut, simplex_shapes
 from dolfinx_frontend.scene.materials import VOIGT
 
 __all__ = [
@@ -87,10 +87,10 @@ class Body:
             raise refused(f"{where} is a matrix, of which no stress is known")
         mesh, element = part.part.mesh, part.space.element.basix_element
         self.cell, self.degree = str(mesh.topology.cell_name()), int(element.degree)
-        if self.degree > 2:
+        if self.cell not in FACET_OF or self.degree > 2:
             raise refused(
-                f"{where} has {self.cell} cells of degree {self.degree}; cells of degree 1 and 2 have "
-                "stresses in balance"
+                f"{where} has {self.cell} cells of degree {self.degree}; stresses in balance there are on "
+                f"{', '.join(FACET_OF)} of degree 1 and 2"
             )
         if part.around:
             raise refused(f"{where} is the section of a body of revolution")

@@ -258,7 +258,12 @@ def random_springs() -> Any:
     return lf.solve(problem, chaos=lf.Chaos(order=1))
 
 
+def cubic() -> Any:
+    return lf.solve(bar(2, 3))
+
+
 REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
+    "degree": (cubic, {}, "triangle cells of degree 3"),
     "hexahedra": (twisted, {}, "no parallelepipeds"),
     "chaos": (random_springs, {}, "the answer is a"),
     "point": (
