@@ -7,6 +7,7 @@
 #include <map>
 #include <utility>
 
+#include "latin/algebra/lapack.hpp"
 #include "latin/common/interrupt.hpp"
 #include "latin/common/threads.hpp"
 
@@ -181,6 +182,8 @@ struct Equilibration::Star {
                                     : Index{-1};
   }
 
+  [[nodiscard]] auto lower() const { return root.triangularView<Eigen::Lower>(); }
+
   /// Force and moment (motions, moments of a facet) of a facet on its first cell.
   [[nodiscard]] Matrix resultants(Index f) const {
     const Vector origin = of.places_.col(facets.front()).head(of.dim_);
@@ -227,8 +230,12 @@ struct Equilibration::Star {
     }
     matrix.selfadjointView<Eigen::Lower>().rankUpdate(balance.transpose(),
                                                       matrix.trace() / balance.squaredNorm());
-    factor.compute(matrix);
-    through = factor.matrixL().solve(balance.transpose());
+    root = std::move(matrix);
+    const auto rows = static_cast<int>(root.rows());
+    int info = 0;
+    dpotrf_("L", &rows, root.data(), &rows, &info);
+    usable = info == 0;
+    through = lower().solve(balance.transpose());
     forces.compute(through.transpose() * through);
   }
 
@@ -244,11 +251,11 @@ struct Equilibration::Star {
         }
       }
     }
-    factor.matrixL().solveInPlace(step);
+    lower().solveInPlace(step);
     for (int round = 0; round < 2; ++round) {  // the second one takes the rounding of the first
       step -= through * forces.solve(through.transpose() * step);
     }
-    factor.matrixU().solveInPlace(step);
+    lower().adjoint().solveInPlace(step);
     return step;
   }
 
@@ -256,7 +263,8 @@ struct Equilibration::Star {
   const std::vector<Index>& facets;
   std::vector<Index> cells;
   bool grounded = false;
-  Eigen::LLT<Matrix, Eigen::Lower> factor;
+  bool usable = false;  ///< a sliver's energies may be rounding
+  Matrix root;
   Matrix through;
   Eigen::LDLT<Matrix> forces;
 };
@@ -368,9 +376,9 @@ void Equilibration::sweep(Patch& patch, int most_sweeps, double enough) {
 
 /// Change the tractions of a star.
 void Equilibration::relax_star(const Star& star, const Patch& patch) {
-  const Vector change = star.change();
-  if (!change.allFinite()) {
-    return;  // a sliver: its tractions stay as they are, which are in balance, too
+  const Vector change = star.usable ? star.change() : Vector();
+  if (change.size() == 0 || !change.allFinite()) {
+    return;  // its tractions stay as they are, which are in balance, too
   }
   const auto of_facet = [&](std::size_t i) {
     return change.segment(static_cast<Index>(i) * of_facet_, of_facet_);
