@@ -16,7 +16,7 @@ from dolfinx_frontend.assembly.places import place_in, place_on_ranks
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.spread import Condensed
 from dolfinx_frontend.assembly.substructure import Sources, Substructure, ring
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.amplitudes import Amplitude
@@ -244,13 +244,12 @@ def _temperature(load: Load, s: Substructure, shape: Any) -> _Shape:
 
 
 class FaceOf:
-    """A face of a part with its points: weights (m,), shape functions (m, nodes), resultants of tractions; by
-    a rule that is exact for so much more than products of shape functions."""
+    """A face of a part with its points: weights (m,), shape functions (m, nodes), resultants of tractions."""
 
-    def __init__(self, s: Substructure, face: str, where: str, more: int = 0) -> None:
+    def __init__(self, s: Substructure, face: str, where: str) -> None:
         facets = FacetMap(s.part, face, where)
         degree = int(s.space.element.basix_element.degree)
-        index, at, w = facets.quadrature(2 * degree + more)
+        index, at, w = self._points(facets, degree)
         self.x, self.normals, area = facets.surface(index, at)
         self.weights = w * area
         self.shape = facets.trace(s.space, index, at, s.space.dofmap.index_map.size_local)
@@ -259,6 +258,10 @@ class FaceOf:
         self.arms = self.x - self.centre
         self.dim = s.dim
         self.around, self.where = facets.around, where
+
+    def _points(self, facets: FacetMap, degree: int) -> tuple[Ints, Array, Array]:
+        """Facets, facet coordinates and reference weights of the points, for shape functions of a degree."""
+        return facets.quadrature(2 * degree)
 
     def nodal(self, traction: Array) -> Array:
         """Nodal forces (n,) of a traction (m, d)."""
@@ -274,9 +277,9 @@ class FaceOf:
         return np.asarray(force / self.area + np.cross(np.linalg.solve(inertia, moment), r))
 
 
-def face_of(s: Substructure, face: str, where: str, more: int = 0) -> FaceOf | PointsOf:
+def face_of(s: Substructure, face: str, where: str) -> FaceOf | PointsOf:
     """A face of a part, or points of a matrix, for forces and mean motions."""
-    return FaceOf(s, face, where, more) if frames_of(s) is None else PointsOf(s, face, where)
+    return FaceOf(s, face, where) if frames_of(s) is None else PointsOf(s, face, where)
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -371,17 +374,17 @@ _TRACTIONS: dict[str, Callable[[Load, Substructure, Any, Any], Array]] = {
 
 
 def traction_on(
-    load: Load, s: Substructure, shape: Any, more: int = 0
-) -> tuple[FaceOf | PointsOf, Array] | None:
+    load: Load, s: Substructure, shape: Any, at: Callable[[], FaceOf | PointsOf]
+) -> tuple[Any, Array] | None:
     """The face of a load and the traction (m, d) at its points of the number 1; None: it acts elsewhere."""
     if load.kind not in _TRACTIONS:
         return None
-    face = face_of(s, load.face, load.where, more)
+    face = at()
     return face, _TRACTIONS[load.kind](load, s, face, shape)
 
 
 def _on_face(load: Load, s: Substructure, shape: Any) -> _Shape:
-    found = traction_on(load, s, shape)
+    found = traction_on(load, s, shape, lambda: face_of(s, load.face, load.where))
     assert found is not None  # as its kind has one
     face, traction = found
     return _Shape(face.nodal(traction))

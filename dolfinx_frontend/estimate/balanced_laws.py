@@ -12,7 +12,8 @@ import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.estimate.balanced_parts import SETTINGS, OnFace
+from dolfinx_frontend.estimate.balanced_faces import OnFace
+from dolfinx_frontend.estimate.balanced_parts import SETTINGS
 from dolfinx_frontend.scene.laws import Law
 
 __all__ = ["contact_pressure", "gap_of_contact", "gap_of_friction", "gap_of_springs"]
@@ -45,8 +46,8 @@ def contact_pressure(face: OnFace, nodal: Array, rests: bool) -> Array | None:
 
     The least sum of squares of changes of coefficients, by Newton's method on its dual problem.
     """
-    values = face.to_bernstein(nodal)
-    nodes = np.unique(face.dofs)
+    values = face.hull.coefficients(nodal)
+    nodes = np.unique(face.nodes)
     largest = np.abs(values).max(initial=0.0)
     if values.max(initial=0.0) <= SETTINGS.rounding * largest:
         return nodal
@@ -62,11 +63,11 @@ def contact_pressure(face: OnFace, nodal: Array, rests: bool) -> Array | None:
         if np.abs(off).max() <= SETTINGS.rounding**2 * size:
             out = np.zeros_like(nodal)
             out[nodes] = found
-            return face.to_nodes(out)
+            return face.hull.values(out)
         active = found < 0.0
         slope = resultant[:, active] @ places[active]
         factors = factors + np.linalg.lstsq(slope, off, rcond=None)[0]
-    return face.to_nodes(np.minimum(values, 0.0)) if rests else None
+    return face.hull.values(np.minimum(values, 0.0)) if rests else None
 
 
 def gap_of_contact(face: OnFace, normal: Array, opening: Array, compliance: float) -> float:

@@ -11,10 +11,10 @@ fitted or believed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import permutations, product
 from time import perf_counter
 from typing import Any
 
-import basix
 import dolfinx.fem as fem
 import numpy as np
 
@@ -26,6 +26,8 @@ from dolfinx_frontend.assembly.rigid import free_motions
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.interrupts import stop_if_pressed
+from dolfinx_frontend.estimate.balanced_cells import cut
+from dolfinx_frontend.estimate.balanced_faces import OnFace
 from dolfinx_frontend.estimate.balanced_laws import (
     contact_pressure,
     gap_of_contact,
@@ -33,11 +35,10 @@ from dolfinx_frontend.estimate.balanced_laws import (
     gap_of_springs,
 )
 from dolfinx_frontend.estimate.balanced_parts import (
-    MORE,
     SETTINGS,
     Body,
     Inputs,
-    OnFace,
+    between_cells,
     correct,
     lifted,
     refused,
@@ -49,6 +50,9 @@ from dolfinx_frontend.scene.loads import is_field
 from dolfinx_frontend.scene.materials import VOIGT
 
 __all__ = ["energy_bound"]
+
+_ACROSS = (1.0, 0.618, 0.271)
+"""Of a direction along which vertices of cells are seldom side by side."""
 
 _SAMPLED = "it is given by a function of the place, which is known at points only"
 
@@ -109,13 +113,13 @@ class _Work:
     def __post_init__(self) -> None:
         fields = {n: self._at(self.result.unknowns(n)) for n in self.problem.substructures}
         self.bodies = {n: Body(part, fields[n]) for n, part in self.problem.substructures.items()}
-        self.pairs: list[Array] = []
-        count = np.cumsum([0, *(len(body.u) for body in self.bodies.values())])
-        self.first = dict(zip(self.bodies, count, strict=False))
-        self.total = int(count[-1])
+        self._number()
         for name, body in self.bodies.items():
             if not body.straight():
                 self.notes.append(f"{name!r} has curved cells")
+            if np.any(body.askew):
+                why = "integrals of their stress are not exact"
+                self.notes.append(f"{name!r} has cells that are no parallelograms: {why}")
             body.acting += self.problem.load_on(name).reshape(body.u.shape)
             self._own_force(body)
 
@@ -133,7 +137,7 @@ class _Work:
             if not two:
                 self._support(interface, law)
             elif interface.matching is not None and eliminated(self.result, interface) is Elimination.GLUED:
-                self._glued(interface)
+                self.glued.append(interface)
             else:
                 raise refused(
                     f"interface {name!r} ties meshes that do not match inside the parts: solve with "
@@ -161,46 +165,39 @@ class _Work:
             if parameter in load.stresses:
                 self._initial(body, load, parameter, number)
                 continue
-            found = traction_on(load.load, body.part, load.load.shapes[parameter], MORE)
+            found = traction_on(
+                load.load, body.part, shape, lambda: OnFace(body, load.load.face, load.load.where)
+            )
             if found is None:
                 self._inside(body, load, parameter, number)
                 continue
-            face = OnFace(body, load.load.face, load.load.where)
-            self._exert(body, face, number * found[1], load.load.where)
+            self._exert(found[0], number * found[1], load.load.where)
 
     def _own_force(self, body: Body) -> None:
         """The constant body force of a part, told by its nodal forces."""
         nodal = body.part.load.reshape(body.u.shape)
         if not nodal.any():
             return
-        d, cells = body.part.dim, body.volumes
-        shares = np.zeros(len(body.u))
-        of_vertex = {1: 1.0 / (d + 1), 2: 0.0 if d == 2 else -0.05}[body.degree]
-        np.add.at(shares, body.vertices, of_vertex * cells[:, None])
-        if body.degree > 1:
-            edges = np.setdiff1d(np.arange(body.dofs.shape[1]), body.at_vertex)
-            np.add.at(shares, body.dofs[:, edges], (1.0 / 3.0 if d == 2 else 0.2) * cells[:, None])
-        force = nodal.sum(axis=0) / cells.sum()
-        if np.abs(nodal - shares[:, None] * force).max() > SETTINGS.rounding * np.abs(nodal).max():
+        force = nodal.sum(axis=0) / body.spread(np.ones(1)).sum()
+        if np.abs(nodal - body.spread(force)).max() > SETTINGS.rounding * np.abs(nodal).max():
             raise refused(f"substructure {body.part.name!r}: its body force is not the same everywhere")
         body.force += force
 
-    def _exert(self, body: Body, face: OnFace, traction: Array, where: str) -> None:
+    def _exert(self, face: OnFace, traction: Array, where: str) -> None:
         if face.misfit(traction) > SETTINGS.rounding:
             self.notes.append(f"{where}: its traction is no polynomial of the degree of the cells")
-        none = np.zeros((len(face.map), body.part.dim, body.part.dim))
-        body.on_face(face.map, face.moments(traction), none)
+        face.exert(traction)
 
     def _initial(self, body: Body, load: PartLoad, parameter: str, number: float) -> None:
         """Stress of an initial strain, linear in each cell."""
         mesh = body.part.part.mesh
-        vertices = np.asarray(basix.geometry(basix.CellType[body.cell]))
-        points = np.vstack([vertices, vertices.mean(axis=0)])
+        points = np.vstack([body.corners, body.corners.mean(axis=0)])
         expression = fem.Expression(load.stresses[parameter], points)
         d, cells = body.part.dim, np.arange(len(body.dofs), dtype=np.int32)
         values = expression.eval(mesh, cells).reshape(len(cells), len(points), d, d)
         own = number * np.stack([values[..., i, j] for i, j in VOIGT[d]], axis=-1)
-        bent = np.abs(own[:, -1] - own[:, :-1].mean(axis=1)).max()
+        linear = np.column_stack([np.ones(len(points)), points])
+        bent = np.abs(own - np.einsum("ij,cjk->cik", linear @ np.linalg.pinv(linear), own)).max()
         if bent > SETTINGS.rounding * np.abs(own).max():
             self.notes.append(f"{load.load.where}: its stress is not linear in the cells")
         body.initial += own[:, :-1]
@@ -220,19 +217,12 @@ class _Work:
             raise refused(f"interface {interface.name!r}: {law.title} ties its nodes to rigid motions")
         face = OnFace(body, side.face, f"interface {interface.name!r}")
         directions, values = law.constraint(interface.name, side, face.x)
-        off = np.abs(face.values(body.u) @ directions.T - values).max()
+        off = np.abs(face.shape @ body.u @ directions.T - values).max()
         if off > SETTINGS.rounding * np.abs(body.u).max(initial=0.0):
             self.notes.append(f"{interface.name!r} is not held as it should be between nodes")
         projector = directions.T @ directions
-        none = np.zeros((*face.dofs.shape, body.part.dim))
-        body.on_face(face.map, none, np.tile(projector, (len(face.map), 1, 1)))
-        body.held[np.unique(face.dofs)] += projector
-
-    def _glued(self, interface: Interface) -> None:
-        assert interface.matching is not None
-        self.glued.append(interface)
-        one, other = (self.first[side.substructure] for side in interface.sides)
-        self.pairs.append(interface.matching + np.array([one, other]))
+        face.exert(np.zeros_like(face.x), projector)
+        body.held[np.unique(face.nodes)] += projector
 
     def _loaded(self, interface: Interface, law: Law) -> None:
         """A pressure or traction of a law."""
@@ -242,8 +232,8 @@ class _Work:
         axes, _ = frames(face.normals, None)
         points: Any = _Points(interface.name, face.x, face.weights, axes)
         traction = np.einsum("pij,pi->pj", axes, np.asarray(law.load(points)))
-        self._exert(body, face, traction, f"interface {interface.name!r}")
-        body.acting += face.nodal(face.moments(traction))
+        self._exert(face, traction, f"interface {interface.name!r}")
+        body.acting += face.forces(traction)
 
     def _joint(self, interface: Interface, law: Law, rests: bool) -> None:
         """Forces of a law, as tractions that exert the same at nodes; `rests`: supports hold its parts."""
@@ -260,8 +250,8 @@ class _Work:
         if presses:
             traction = self._contact(interface, law, face, traction, rests)
         elif law.springs and not alone:
-            jump = face.values(self._jump(interface))
-            gap, why = gap_of_springs(interface, law, face, face.values(traction), jump)
+            jump = face.shape @ self._jump(interface)
+            gap, why = gap_of_springs(interface, law, face, face.pull @ traction, jump)
             self.gaps[name] = gap
             self.notes += [why] if why else []
         elif law.elimination is Elimination.GLUED and not alone:
@@ -282,7 +272,7 @@ class _Work:
     def _kept_glue(self, interface: Interface, law: Law, face: OnFace) -> None:
         """Glue that is iterated on holds means of the jump: whether it holds the jump itself."""
         imposed = np.ravel(law.fields(interface).parameters["jump"])[: interface.dim] @ interface.frames[0]
-        off = np.abs(face.values(self._jump(interface)) - imposed).max()
+        off = np.abs(face.shape @ self._jump(interface) - imposed).max()
         moved = max(np.abs(self.bodies[side.substructure].u).max(initial=0.0) for side in interface.sides)
         if off > SETTINGS.rounding * moved:
             self.notes.append(f"{interface.name!r} is glued in the mean only: let the plan assemble it")
@@ -293,9 +283,9 @@ class _Work:
 
     def _pull(self, body: Body, face: OnFace, traction: Array) -> None:
         """A traction (nodes, d) on a face."""
-        moments = face.moments(face.values(traction))
-        body.on_face(face.map, moments, np.zeros((len(face.map), body.part.dim, body.part.dim)))
-        body.acting += face.nodal(moments)
+        values = face.pull @ traction
+        face.exert(values)
+        body.acting += face.forces(values)
 
     def _jump(self, interface: Interface) -> Array:
         """w2 - w1 (nodes, d) at the nodes of side 1."""
@@ -325,19 +315,19 @@ class _Work:
         opening = self._jump(interface) @ normal + start - imposed
         if compliance == 0.0:
             inside = np.zeros_like(opening)
-            nodes = np.unique(face.dofs)
-            inside[nodes] = np.minimum(face.to_bernstein(opening)[nodes], 0.0)
+            nodes = np.unique(face.nodes)
+            inside[nodes] = np.minimum(face.hull_of_jumps.coefficients(opening)[nodes], 0.0)
             if -inside.min(initial=0.0) > SETTINGS.rounding * np.abs(self._jump(interface)).max(initial=0.0):
-                lift = -face.to_nodes(inside)
+                lift = -face.hull_of_jumps.values(inside)
                 opening = opening + lift
                 self._lift(interface, face, lift, normal)
-        forces = face.values(pressed[:, None])[:, 0]
-        self.gaps[name] = gap_of_contact(face, forces, face.values(opening[:, None])[:, 0], compliance)
+        forces = face.pull @ pressed
+        self.gaps[name] = gap_of_contact(face, forces, face.shape @ opening, compliance)
         whole = np.outer(pressed, normal)
         if law.rubs:
             along = traction - np.outer(traction @ normal, normal)
             whole += along
-            self._rub(name, fields, face, forces, face.values(along), self._jump(interface))
+            self._rub(name, fields, face, forces, face.pull @ along, self._jump(interface))
         return whole
 
     def _rub(
@@ -349,7 +339,7 @@ class _Work:
             self.notes.append(f"{name!r}: its friction varies")
             return
         friction, threshold = (float(each[0]) for each in given)
-        moved = face.values(jump)
+        moved = face.shape @ jump
         slip = moved - np.sum(moved * face.normals, axis=1, keepdims=True) * face.normals
         gap, holds = gap_of_friction(face, threshold - friction * forces, traction, slip)
         self.gaps[name] += gap
@@ -362,7 +352,7 @@ class _Work:
         sides = interface.sides
         softer = min(range(len(sides)), key=lambda k: self.bodies[sides[k].substructure].part.modulus)
         body = self.bodies[sides[softer].substructure]
-        nodes = np.unique(face.dofs)
+        nodes = np.unique(face.nodes)
         mine = nodes
         if softer == 1 and interface.matching is not None:
             at = {int(one): int(other) for one, other in interface.matching}
@@ -379,19 +369,60 @@ class _Work:
         sign = 1.0 if softer == 1 else -1.0
         body.lifted += lifted(body, mine, sign * lift[nodes], normal, fixed)
 
-    def _numbers(self) -> Ints:
-        """Number of every node of all parts, the same where parts are glued."""
-        if not self.pairs:
-            return np.arange(self.total)
-        ties = np.concatenate(self.pairs)
-        graph = sp.coo_matrix((np.ones(len(ties)), ties.T), shape=(self.total, self.total))
-        return np.asarray(sp.csgraph.connected_components(graph, directed=False)[1], dtype=np.int64)
+    def _number(self) -> None:
+        """Number the nodes of all parts: the same where parts are glued, and along a line across all of them.
+
+        So like cells are cut alike, and both sides of an interface whose nodes match.
+        """
+        first = np.cumsum([0, *(len(body.u) for body in self.bodies.values())])
+        self.own = {n: slice(a, b) for n, a, b in zip(self.bodies, first[:-1], first[1:], strict=True)}
+        pairs: dict[bool, list[Array]] = {True: [], False: []}
+        for interface in self.problem.interfaces.values():
+            if len(interface.sides) == 2 and interface.matching is not None:
+                starts = [self.own[side.substructure].start for side in interface.sides]
+                glued = eliminated(self.result, interface) is Elimination.GLUED
+                pairs[glued].append(interface.matching + np.array(starts))
+
+        def joined(ties: list[Array]) -> Ints:
+            flat = np.concatenate([np.zeros((0, 2), dtype=np.int64), *ties])
+            graph = sp.coo_matrix((np.ones(len(flat)), flat.T), shape=(first[-1],) * 2)
+            return np.asarray(sp.csgraph.connected_components(graph, directed=False)[1])
+
+        places = np.concatenate([body.part.dof_coordinates for body in self.bodies.values()])
+        together = joined(pairs[True] + pairs[False])
+        along = np.zeros(int(together.max()) + 1)
+        along[together] = places @ self._direction()
+        rank = np.argsort(np.argsort(along))[together]
+        key = np.stack([rank, joined(pairs[True])], axis=1)
+        self.numbers = np.unique(key, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+        for name, body in self.bodies.items():
+            body.number(self.numbers[self.own[name]])
+
+    def _direction(self) -> Array:
+        """That of vertices with ascending numbers, along which cells are cut into the roundest simplices."""
+        d = self.problem.dim
+        signs = np.array(list(product([1.0, -1.0], repeat=d - 1)))
+        every = [np.array(turned) * (1.0, *sign) for turned in permutations(_ACROSS[:d]) for sign in signs]
+        cells = [body for body in self.bodies.values() if body.is_cut]
+        some = [(body.cell, body.x[:: 1 + len(body.x) // SETTINGS.looked_at]) for body in cells]
+
+        def length(direction: Array) -> float:
+            found = 0.0
+            for cell, x in some:
+                local = cut(cell, np.argsort(np.argsort(x @ direction, axis=1), axis=1))
+                corners = np.take_along_axis(x, local.reshape(len(x), -1)[..., None], axis=1)
+                corners = corners.reshape(-1, d + 1, d)
+                found += float(((corners - corners.mean(axis=1, keepdims=True)) ** 2).sum())
+            return found
+
+        lengths = np.array([length(each) for each in every])  # the first of equal ones, whatever is rounded
+        best: Array = every[int(np.argmax(lengths <= lengths.min() * (1.0 + SETTINGS.rounding)))]
+        return best
 
     def bound(self, began: float) -> EnergyBound:
         """The stress in balance, and its distance."""
-        numbers, d = self._numbers(), self.problem.dim
-        own = {n: numbers[self.first[n] : self.first[n] + len(b.u)] for n, b in self.bodies.items()}
-        count = int(numbers.max()) + 1
+        d, bodies = self.problem.dim, list(self.bodies.values())
+        count = int(self.numbers.max()) + 1
         rigid = free_motions(
             {n: (part.centre, part.length) for n, part in self.problem.parts.items()},
             [held(self.problem, each) for each in (*self.supports, *self.glued)],
@@ -402,19 +433,19 @@ class _Work:
             self._joint(interface, law, all(side.substructure not in moving for side in interface.sides))
         motions = np.zeros((count, d, len(rigid)))
         for name, body in self.bodies.items():
-            motions[own[name]] = rigid.at(name, body.part.dof_coordinates)
-        correct(self.bodies, own, count, np.linalg.qr(motions.reshape(count * d, -1)).Q)
+            motions[body.numbers] = rigid.at(name, body.part.dof_coordinates)
+        correct(bodies, count, np.linalg.qr(motions.reshape(count * d, -1)).Q)
         inputs = Inputs(d)
-        for name, body in self.bodies.items():
-            inputs.add(body, own[name])
+        for body, more in zip(bodies, between_cells(bodies), strict=True):
+            inputs.add(body, more)
         stop_if_pressed()
         made = inputs.made(count)
         if not self.result.converged:
             self.notes.append("the answer has not converged")
         elif not made.defect <= SETTINGS.rounding + self.result.error:
             self.notes.append(f"balance at nodes is off by {made.defect:.1g}")
-        energies = np.split(made.relax(SETTINGS.sweeps, SETTINGS.enough), np.cumsum(inputs.counts)[:-1])
-        cells = dict(zip(self.bodies, energies, strict=True))
+        energies = made.relax(SETTINGS.sweeps, SETTINGS.enough)
+        cells = dict(zip(self.bodies, inputs.by_cells(energies), strict=True))
         squares = {n: max(float(e.sum()), 0.0) + self.bodies[n].energy_of_change() for n, e in cells.items()}
         strain = sum(body.energy(body.u) for body in self.bodies.values())
         lift = np.sqrt(sum(body.energy(body.lifted) for body in self.bodies.values()))

@@ -27,8 +27,11 @@ force
     (d, cells) per volume.
 compliance, material
     (components, components) engineering strain by stress, one for each material; (cells,) its number.
-cells, facets
-    (n,) of facets on the boundary with tractions or supports: the cell, and the vertex across in its order.
+rest, shift
+    (components * pieces * terms, cells) of the stress beyond linear in `functions`; (d, nodes * cells) what tractions
+    are to make up of each node besides. Empty: nothing.
+facets
+    (n * d,) vertices, ascending in each, of facets on the boundary with tractions or supports.
 moments
     (d * nodes, n) of their tractions with the functions of vertices and edges, force.
 held
@@ -47,16 +50,16 @@ void bind_equilibration(py::module_& m) {
   py::class_<Equilibration>(m, "Equilibration", description)
       .def(py::init([](Matrix vertices, std::vector<latin::Index> corners, Matrix stress,
                        Matrix force, std::vector<Matrix> compliance,
-                       std::vector<latin::Index> material, std::vector<latin::Index> cells,
+                       std::vector<latin::Index> material, Matrix rest, Matrix shift,
                        std::vector<latin::Index> facets, Matrix moments, Matrix held) {
              const py::gil_scoped_release release;
              return Equilibration(
                  {std::move(vertices), std::move(corners), std::move(stress), std::move(force),
-                  std::move(compliance), std::move(material)},
-                 {std::move(cells), std::move(facets), std::move(moments), std::move(held)});
+                  std::move(compliance), std::move(material), std::move(rest), std::move(shift)},
+                 {std::move(facets), std::move(moments), std::move(held)});
            }),
            py::kw_only(), "vertices"_a, "corners"_a, "stress"_a, "force"_a, "compliance"_a,
-           "material"_a, "cells"_a, "facets"_a, "moments"_a, "held"_a)
+           "material"_a, "rest"_a, "shift"_a, "facets"_a, "moments"_a, "held"_a)
       .def_property_readonly(
           "defect", &Equilibration::defect,
           "Largest residual of a node's balance, relative to the largest of its terms.")
@@ -74,6 +77,15 @@ void bind_equilibration(py::module_& m) {
           "most_sweeps"_a, "enough"_a,
           "Energies (cells,) of the distance to the solution, after sweeps until one takes less "
           "than `enough` of them.")
+      .def_static(
+          "functions",
+          [](int dim, int degree, latin::Index piece, const Matrix& points) {
+            return latin::equilibration::ReferenceCell::of(dim, degree).values(piece, points);
+          },
+          "dim"_a, "degree"_a, "piece"_a, "points"_a,
+          "Values (terms, m) of the functions of a piece of the unit simplex, without the vertex "
+          "`piece` and with "
+          "the centroid instead, at points (d, m).")
       .def("stress", &Equilibration::stress, "cell"_a, "points"_a,
            "The stress in balance (components, m) of a cell at points (d, m) of the unit simplex.");
 }

@@ -9,6 +9,7 @@
 #include "latin/common/error.hpp"
 #include "latin/equilibration/equilibration.hpp"
 #include "latin/equilibration/reference_cell.hpp"
+#include "threads.hpp"
 
 namespace latin::equilibration {
 namespace {
@@ -41,8 +42,11 @@ struct OneCell {
     boundary.moments = Matrix::NullaryExpr(dim * nodes, dim + 1, [&] { return any(random); });
     boundary.held = Matrix::Zero(dim * dim, dim + 1);
     for (Index k = 0; k <= dim; ++k) {
-      boundary.cells.push_back(0);
-      boundary.facets.push_back(k);
+      for (Index i = 0; i <= dim; ++i) {
+        if (i != k) {
+          boundary.corners.push_back(i);
+        }
+      }
     }
     balance();
   }
@@ -183,6 +187,46 @@ TEST_P(EquilibrationOf, StressOfACellIsInBalance) {
   EXPECT_LT((divergence + one.cells.force.col(0)).cwiseAbs().maxCoeff(), 1e-8);
 }
 
+/// By quadrature over the pieces, of a solution whose stress is not linear.
+TEST_P(EquilibrationOf, EnergyIsThatOfTheDistance) {
+  const auto [dim, degree] = GetParam();
+  OneCell one(dim, degree, 11);
+  const ReferenceCell& reference = one.reference;
+  const Index terms = reference.terms();
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> any(-1.0, 1.0);
+  one.cells.rest = Matrix::NullaryExpr(reference.components() * (dim + 1) * terms, 1,
+                                       [&] { return any(random); });
+  Equilibration made(one.cells, one.boundary);
+  const double energy = made.relax(0, 0.0)(0);
+  const Rule rule = simplex_rule(dim, degree + 2);
+  const Matrix edges = one.cells.vertices.rightCols(dim).colwise() - one.cells.vertices.col(0);
+  Matrix unit = Matrix::Zero(dim, dim + 1);
+  unit.rightCols(dim).setIdentity();
+  double sum = 0.0;
+  for (Index piece = 0; piece <= dim; ++piece) {
+    Matrix corners = unit;
+    corners.col(piece) = unit.rowwise().mean();
+    const Matrix along = corners.rightCols(dim).colwise() - corners.col(0);
+    const Matrix points = (along * rule.points).colwise() + corners.col(0);
+    Matrix bary(dim + 1, points.cols());
+    bary.row(0) = 1.0 - points.colwise().sum().array();
+    bary.bottomRows(dim) = points;
+    Matrix off = made.stress(0, points) - one.cells.stress * bary;
+    const Matrix values = reference.values(piece, points);
+    for (Index a = 0; a < reference.components(); ++a) {
+      off.row(a) -=
+          one.cells.rest.col(0).segment((a * (dim + 1) + piece) * terms, terms).transpose() *
+          values;
+    }
+    const double size = std::abs(along.determinant() * edges.determinant());
+    for (Index m = 0; m < points.cols(); ++m) {
+      sum += rule.weights(m) * size * off.col(m).dot(soft(dim) * off.col(m));
+    }
+  }
+  EXPECT_NEAR(energy, sum, 1e-10 * sum);
+}
+
 INSTANTIATE_TEST_SUITE_P(All, EquilibrationOf,
                          ::testing::Values(std::pair{2, 1}, std::pair{2, 2}, std::pair{3, 1},
                                            std::pair{3, 2}));
@@ -198,8 +242,7 @@ TEST(Equilibration, ConstantStressIsItsOwn) {
   cells.compliance = {soft(2)};
   cells.material = {0, 0};
   Boundary boundary;
-  boundary.cells = {0, 1};
-  boundary.facets = {1, 1};  // x = 0 of vertices 0 and 2, x = 1 of vertices 1 and 3
+  boundary.corners = {0, 2, 1, 3};  // x = 0 and x = 1
   boundary.moments = Matrix::Zero(4, 2);
   boundary.moments.col(1) << 1.0, 0.0, 1.0, 0.0;
   boundary.held = Matrix::Zero(4, 2);
@@ -209,14 +252,51 @@ TEST(Equilibration, ConstantStressIsItsOwn) {
   EXPECT_LT(made.relax(2, 0.0).cwiseAbs().maxCoeff(), 1e-26);
 }
 
+/// Stars of one colour have no cell in common: the same bits on any number of threads.
+TEST(Equilibration, ThreadsDoNotChangeAnything) {
+  constexpr Index n = 24;
+  Cells cells;
+  cells.vertices.resize(2, (n + 1) * (n + 1));
+  for (Index i = 0; i <= n; ++i) {
+    for (Index j = 0; j <= n; ++j) {
+      const Index at = i * (n + 1) + j;
+      cells.vertices.col(at) << static_cast<double>(i), static_cast<double>(j);
+      if (i < n && j < n) {
+        for (const Index corner : {at, at + 1, at + n + 2, at, at + n + 1, at + n + 2}) {
+          cells.corners.push_back(corner);
+        }
+      }
+    }
+  }
+  const Index count = 2 * n * n;
+  cells.stress = Matrix::NullaryExpr(
+      3, 3 * count, [](Index i, Index j) { return std::sin(static_cast<double>(7 * i + j)); });
+  cells.force = Matrix::Zero(2, count);
+  cells.compliance = {soft(2)};
+  cells.material.assign(count, 0);
+  Boundary boundary;
+  boundary.moments = Matrix::Zero(6, 0);
+  boundary.held = Matrix::Zero(4, 0);
+  const auto energies = [&](int threads) {
+    const Threads some(threads);
+    return Vector(Equilibration(cells, boundary).relax(3, 0.0));
+  };
+  const Vector one = energies(1);
+  EXPECT_EQ(one, energies(2));
+  EXPECT_EQ(one, energies(3));
+}
+
 TEST(Equilibration, BadInputIsRefused) {
   OneCell one(2, 1, 3);
   Boundary other = one.boundary;
-  other.facets[0] = 5;
+  other.corners[0] = 5;
   EXPECT_THROW(Equilibration(one.cells, other), InputError);
   Cells turned = one.cells;
   std::swap(turned.corners[0], turned.corners[1]);
   EXPECT_THROW(Equilibration(turned, one.boundary), InputError);
+  Cells longer = one.cells;
+  longer.shift = Matrix::Zero(2, 7);
+  EXPECT_THROW(Equilibration(longer, one.boundary), InputError);
   EXPECT_THROW(ReferenceCell::of(3, 3), InputError);
   EXPECT_THROW(ReferenceCell::of(1, 1), InputError);
 }

@@ -219,8 +219,9 @@ def bound() -> list[Any]:
         force=np.zeros((2, 1)),
         compliance=[np.eye(3)],
         material=np.zeros(1, dtype=np.int64),
-        cells=np.zeros(1, dtype=np.int64),
-        facets=np.zeros(1, dtype=np.int64),
+        rest=np.zeros((0, 0)),
+        shift=np.zeros((0, 0)),
+        facets=np.arange(2),
         moments=np.zeros((4, 1)),
         held=np.zeros((4, 1)),
     )

@@ -346,13 +346,16 @@ class Equilibration:
         force: Array,
         compliance: Sequence[Array],
         material: npt.ArrayLike,
-        cells: npt.ArrayLike,
+        rest: Array,
+        shift: Array,
         facets: npt.ArrayLike,
         moments: Array,
         held: Array,
     ) -> None: ...
     @property
     def defect(self) -> float: ...
+    @staticmethod
+    def functions(dim: int, degree: int, piece: int, points: Array) -> Array: ...
     def relax(self, most_sweeps: int, enough: float) -> Array: ...
     def stress(self, cell: int, points: Array) -> Array: ...
 

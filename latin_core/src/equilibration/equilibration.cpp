@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 
 namespace latin::equilibration {
 namespace {
@@ -37,6 +38,20 @@ Cells checked(Cells cells) {
   return cells;
 }
 
+/// Physical components by those that Piola's transform takes, times the determinant of the edges.
+Matrix turn_of(const ReferenceCell& reference, const Matrix& edge) {
+  const Index n = reference.components();
+  Matrix turn(n, n);
+  for (Index a = 0; a < n; ++a) {
+    const auto [i, j] = reference.component(a);
+    for (Index b = 0; b < n; ++b) {
+      const auto [k, l] = reference.component(b);
+      turn(a, b) = edge(i, k) * edge(j, l) + (k != l ? edge(i, l) * edge(j, k) : 0.0);
+    }
+  }
+  return turn;
+}
+
 }  // namespace
 
 Equilibration::Equilibration(Cells cells, const Boundary& boundary)
@@ -48,20 +63,29 @@ Equilibration::Equilibration(Cells cells, const Boundary& boundary)
       corners_(dim_ + 1),
       count_(static_cast<Index>(cells_.material.size())),
       of_facet_(dim_ * reference_.facet_nodes()) {
-  const auto named = static_cast<Index>(boundary.cells.size());
-  if (boundary.moments.rows() != of_facet_ || boundary.moments.cols() != named ||
-      boundary.held.rows() != dim_ * dim_ || boundary.held.cols() != named ||
-      static_cast<Index>(boundary.facets.size()) != named) {
+  const Index named = boundary.moments.cols();
+  if (boundary.moments.rows() != of_facet_ || boundary.held.rows() != dim_ * dim_ ||
+      boundary.held.cols() != named ||
+      static_cast<Index>(boundary.corners.size()) != dim_ * named) {
     throw InputError("equilibrated stresses: moments and supports of the boundary do not fit");
   }
+  const Index rows = reference_.components() * corners_ * reference_.terms();
+  const auto fits = [](const Matrix& given, Index height, Index width) {
+    return given.size() == 0 || (given.rows() == height && given.cols() == width);
+  };
+  if (!fits(cells_.rest, rows, count_) || !fits(cells_.shift, dim_, count_ * reference_.nodes())) {
+    throw InputError("equilibrated stresses: rests and shifts of the cells do not fit");
+  }
+  const SerialAlgebra serial;  // cells and nodes are small
   find_facets();
   find_nodes();
-  start(boundary);
-  balance(boundary);
+  const std::vector<Index> facets = named_facets(boundary);
+  start(boundary, facets);
+  balance(boundary, facets);
   find_stars();
   energies_ = Vector::Zero(count_);
   slopes_ = Matrix::Zero(corners_ * of_facet_, count_);
-  condensed_.assign(static_cast<std::size_t>(count_), false);
+  condensed_.assign(static_cast<std::size_t>(count_), 0);
 }
 
 Matrix Equilibration::edges(Index cell) const {
@@ -139,8 +163,37 @@ void Equilibration::find_nodes() {
   }
 }
 
+/// Numbers of the facets of a boundary.
+std::vector<Index> Equilibration::named_facets(const Boundary& boundary) const {
+  std::vector<Index> out;
+  for (Index n = 0; n < boundary.moments.cols(); ++n) {
+    const auto* first = boundary.corners.data() + n * dim_;
+    const auto at =
+        std::ranges::lower_bound(facets_, std::vector<Index>(first, first + dim_), {},
+                                 [this](const Facet& facet) { return corners_of(facet); });
+    if (at == facets_.end() || corners_of(*at) != std::vector<Index>(first, first + dim_) ||
+        at->cells[1] >= 0) {
+      throw InputError("equilibrated stresses: facet " + std::to_string(n) +
+                       " that is named is not on the boundary");
+    }
+    out.push_back(static_cast<Index>(at - facets_.begin()));
+  }
+  return out;
+}
+
+/// Vertices, ascending.
+std::vector<Index> Equilibration::corners_of(const Facet& facet) const {
+  std::vector<Index> out;
+  for (Index k = 0; k < corners_; ++k) {
+    if (k != facet.numbers[0]) {
+      out.push_back(cells_.corners[facet.cells[0] * corners_ + k]);
+    }
+  }
+  return out;
+}
+
 /// Tractions: given ones, and else the mean of both sides.
-void Equilibration::start(const Boundary& boundary) {
+void Equilibration::start(const Boundary& boundary, const std::vector<Index>& named) {
   const auto facets = static_cast<Index>(facets_.size());
   moments_ = Matrix::Zero(of_facet_, facets);
   places_.resize(of_facet_, facets);
@@ -155,13 +208,10 @@ void Equilibration::start(const Boundary& boundary) {
       moments_.col(f) = 0.5 * (own_moments(facet.cells[0], facet.numbers[0]).reshaped() -
                                own_moments(facet.cells[1], facet.numbers[1]).reshaped());
     }
-    const auto* at = cells_.corners.data() + facet.cells[0] * corners_;
     Matrix corners(dim_, dim_);
     Index next = 0;
-    for (Index k = 0; k < corners_; ++k) {
-      if (k != facet.numbers[0]) {
-        corners.col(next++) = cells_.vertices.col(at[k]) / length;
-      }
+    for (const Index vertex : corners_of(facet)) {
+      corners.col(next++) = cells_.vertices.col(vertex) / length;
     }
     places_.col(f).head(dim_ * dim_) = corners.reshaped();
     for (Index i = 0; reference_.degree() > 1 && i < dim_; ++i) {
@@ -170,18 +220,11 @@ void Equilibration::start(const Boundary& boundary) {
       }
     }
   }
-  for (std::size_t n = 0; n < boundary.cells.size(); ++n) {
-    const Index cell = boundary.cells[n];
-    const Index number = boundary.facets[n];
-    if (cell < 0 || cell >= count_ || number < 0 || number >= corners_ ||
-        facets_[facet_of_[cell * corners_ + number]].cells[1] >= 0) {
-      throw InputError("equilibrated stresses: facet " + std::to_string(number) + " of cell " +
-                       std::to_string(cell) + " is not on the boundary");
-    }
-    const Index f = facet_of_[cell * corners_ + number];
+  for (std::size_t n = 0; n < named.size(); ++n) {
+    const Index f = named[n];
     const Eigen::Map<const Matrix> held(boundary.held.col(static_cast<Index>(n)).data(), dim_,
                                         dim_);
-    const Matrix own = own_moments(cell, number);
+    const Matrix own = own_moments(facets_[f].cells[0], facets_[f].numbers[0]);
     const Matrix given =
         boundary.moments.col(static_cast<Index>(n)).reshaped(dim_, of_facet_ / dim_);
     moments_.col(f) = (held * own + given - held * given).reshaped();
@@ -220,17 +263,21 @@ Vector Equilibration::data(Index cell) const {
 /// Energy of Piola's transform of a stress, by its components.
 Matrix Equilibration::reference_compliance(Index cell) const {
   const Matrix edge = edges(cell);
-  const Index n = reference_.components();
-  Matrix turn(n, n);
-  for (Index a = 0; a < n; ++a) {
-    const auto [i, j] = reference_.component(a);
-    for (Index b = 0; b < n; ++b) {
-      const auto [k, l] = reference_.component(b);
-      turn(a, b) = edge(i, k) * edge(j, l) + (k != l ? edge(i, l) * edge(j, k) : 0.0);
-    }
-  }
+  const Matrix turn = turn_of(reference_, edge);
   return turn.transpose() * cells_.compliance[cells_.material[cell]] * turn /
          std::abs(edge.determinant());
+}
+
+/// What the solution's stress has beyond linear, on the reference cell: coefficients.
+Vector Equilibration::rest(Index cell) const {
+  const Index each = corners_ * reference_.terms();
+  if (cells_.rest.size() == 0) {
+    return Vector::Zero(each * reference_.components());
+  }
+  const Matrix edge = edges(cell);
+  const Matrix own = cells_.rest.col(cell).reshaped(each, reference_.components());
+  const Matrix turn = turn_of(reference_, edge) / std::abs(edge.determinant());
+  return (own * turn.inverse().transpose()).reshaped();
 }
 
 Matrix Equilibration::stress(Index cell, ConstMatrixRef points) const {
@@ -249,7 +296,8 @@ Matrix Equilibration::stress(Index cell, ConstMatrixRef points) const {
         strained.middleRows(a * each, each) += compliance(a, b) * own.middleRows(b * each, each);
       }
     }
-    coefficients -= own * (own.transpose() * strained).llt().solve(strained.transpose() * given);
+    coefficients -=
+        own * (own.transpose() * strained).llt().solve(strained.transpose() * (given - rest(cell)));
   }
   const Matrix edge = edges(cell);
   Matrix bary(corners_, points.cols());

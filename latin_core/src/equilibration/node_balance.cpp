@@ -133,12 +133,12 @@ Vector Equilibration::softness_of_facets() const {
 }
 
 /// Moments that make up what the cells around each node lack, with the least change.
-void Equilibration::balance(const Boundary& boundary) {
+void Equilibration::balance(const Boundary& boundary, const std::vector<Index>& named) {
   std::map<Index, Matrix> partly;  // facets that are held in some directions
-  for (std::size_t n = 0; n < boundary.cells.size(); ++n) {
+  for (std::size_t n = 0; n < named.size(); ++n) {
     const Matrix held = boundary.held.col(static_cast<Index>(n)).reshaped(dim_, dim_);
     if (!held.isIdentity() && !held.isZero()) {
-      partly[facet_of_[boundary.cells[n] * corners_ + boundary.facets[n]]] = held;
+      partly[named[n]] = held;
     }
   }
   const Vector cheap = softness_of_facets();
@@ -147,6 +147,9 @@ void Equilibration::balance(const Boundary& boundary) {
   Matrix left(dim_, count_ * nodes);
   for (Index cell = 0; cell < count_; ++cell) {
     left.middleCols(cell * nodes, nodes) = lacking(cell);
+    if (cells_.shift.size() > 0) {
+      left.middleCols(cell * nodes, nodes) += cells_.shift.middleCols(cell * nodes, nodes);
+    }
     for (Index i = 0; i < nodes; ++i) {
       around[node_of_[cell * nodes + i]].emplace_back(cell, i);
     }

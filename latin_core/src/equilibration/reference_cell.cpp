@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
 #include "latin/stochastic/germ.hpp"
 
 namespace latin::equilibration {
@@ -131,6 +132,7 @@ ReferenceCell::ReferenceCell(int dim, int degree) : dim_(dim), degree_(degree) {
                      std::to_string(degree) +
                      "; there are those of 2 and 3 dimensions, degree 1 and 2");
   }
+  const SerialAlgebra serial;  // small
   vertices_ = Matrix::Zero(dim, dim + 1);
   vertices_.rightCols(dim).setIdentity();
   exponents_ = monomials(dim, degree);

@@ -3,18 +3,24 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <map>
 #include <utility>
 
+#include "latin/algebra/lapack.hpp"
 #include "latin/common/interrupt.hpp"
+#include "latin/common/threads.hpp"
 
 namespace latin::equilibration {
 namespace {
 
-/// Bytes of the energies of cells that are kept at once.
+/// Bytes of the energies of cells and of factors of stars that are kept at once.
 constexpr double most_bytes = 5e8;
-/// Cells whose energies are made by one product.
-constexpr Index together = 16;
+/// Cells whose energies are made by one product, stars that one thread relaxes at once.
+constexpr std::size_t together = 16;
+
+/// About how many numbers cells or stars take, as in_lanes() counts.
+double work_of(std::size_t count) { return 1e4 * static_cast<double>(count); }
 
 }  // namespace
 
@@ -25,12 +31,7 @@ void Equilibration::find_stars() {
     if (!facets_[f].changes) {
       continue;
     }
-    std::vector<Index> on;
-    for (Index k = 0; k < corners_; ++k) {
-      if (k != facets_[f].numbers[0]) {
-        on.push_back(cells_.corners[facets_[f].cells[0] * corners_ + k]);
-      }
-    }
+    const std::vector<Index> on = corners_of(facets_[f]);
     for (std::size_t i = 0; i < on.size(); ++i) {
       if (dim_ == 2) {
         found[{on[i], -1}].push_back(static_cast<Index>(f));
@@ -52,44 +53,79 @@ void Equilibration::find_stars() {
   });
 }
 
+/// data . energy data - 2 right . data + least of a cell, by data on the reference cell.
+struct Equilibration::Condensed {
+  Matrix energy;
+  Vector right;
+  double least;
+};
+
 /// Energies of cells by the moments of their facets, out of the first cell of each, where stresses have the least
 /// energy; and those of the distance, when it is first asked for.
 void Equilibration::condense(const std::vector<Index>& cells, std::vector<Matrix>& energies) {
+  energies.resize(cells.size());
+  struct Own {
+    Matrix compliances;
+    Matrix sums;
+  };
+  PerLane<Own> lanes;
   const Index columns = reference_.basis().cols();
-  const Index free = reference_.self_stresses();
-  const Index given = reference_.data();
   const Index n = reference_.components();
   const Matrix& products = reference_.products();
-  Matrix compliances(products.cols(), together);
-  Matrix sums(columns * columns, together);
-  for (std::size_t first = 0; first < cells.size(); first += together) {
-    const auto some = static_cast<Index>(std::min<std::size_t>(together, cells.size() - first));
-    for (Index k = 0; k < some; ++k) {
-      const Matrix own = reference_compliance(cells[first + k]);
-      Index pair = 0;
-      for (Index a = 0; a < n; ++a) {
-        for (Index b = a; b < n; ++b) {
-          compliances(pair++, k) = own(a, b);
-        }
-      }
-    }
-    sums.leftCols(some).noalias() = products * compliances.leftCols(some);
-    for (Index k = 0; k < some; ++k) {
-      const Index cell = cells[first + k];
-      const Eigen::Map<const Matrix> sum(sums.col(k).data(), columns, columns);
-      Matrix energy = sum.bottomRightCorner(given, given);
-      if (free > 0) {
-        const Eigen::LLT<Matrix> factor(sum.topLeftCorner(free, free));
-        const Matrix coupled = factor.matrixL().solve(sum.topRightCorner(free, given));
-        energy.noalias() -= coupled.transpose() * coupled;
-      }
-      take(cell, energy, energies[first + k]);
-    }
+  in_lanes((cells.size() + together - 1) / together, work_of(cells.size()), lanes,
+           [&](std::size_t piece, Own& own) {
+             const std::size_t first = piece * together;
+             const std::size_t some = std::min<std::size_t>(together, cells.size() - first);
+             own.compliances.resize(products.cols(), together);
+             own.sums.resize(columns * columns, together);
+             for (std::size_t k = 0; k < some; ++k) {
+               const Matrix compliance = reference_compliance(cells[first + k]);
+               Index pair = 0;
+               for (Index a = 0; a < n; ++a) {
+                 for (Index b = a; b < n; ++b) {
+                   own.compliances(pair++, static_cast<Index>(k)) = compliance(a, b);
+                 }
+               }
+             }
+             const auto width = static_cast<Index>(some);
+             own.sums.leftCols(width).noalias() = products * own.compliances.leftCols(width);
+             for (std::size_t k = 0; k < some; ++k) {
+               const Eigen::Map<const Matrix> sum(own.sums.col(static_cast<Index>(k)).data(),
+                                                  columns, columns);
+               const Index cell = cells[first + k];
+               take(cell, condensed(cell, sum), energies[first + k]);
+             }
+           });
+}
+
+/// The least energy of a cell of that of self-stresses and of stresses in balance with its data.
+Equilibration::Condensed Equilibration::condensed(Index cell, ConstMatrixRef sum) const {
+  const Index free = reference_.self_stresses();
+  const Index given = reference_.data();
+  Condensed own{sum.bottomRightCorner(given, given), Vector::Zero(given), 0.0};
+  Vector along = Vector::Zero(sum.cols());
+  if (cells_.rest.size() > 0 && condensed_[cell] == 0) {
+    const Index n = reference_.components();
+    const Matrix beyond = rest(cell).reshaped(reference_.basis().rows() / n, n);
+    const Vector strain = (beyond * reference_compliance(cell)).reshaped();
+    along = reference_.basis().transpose() * strain;
+    own.right = along.tail(given);
+    own.least = strain.dot(beyond.reshaped());
   }
+  if (free > 0) {
+    const Eigen::LLT<Matrix> factor(sum.topLeftCorner(free, free));
+    const Matrix coupled = factor.matrixL().solve(sum.topRightCorner(free, given));
+    const Vector best = factor.matrixL().solve(along.head(free));
+    own.energy.noalias() -= coupled.transpose() * coupled;
+    own.right -= coupled.transpose() * best;
+    own.least -= best.squaredNorm();
+  }
+  return own;
 }
 
 /// An energy by data on the reference cell as one by moments of facets; and of the distance, the first time.
-void Equilibration::take(Index cell, const Matrix& energy, Matrix& by_moments) {
+void Equilibration::take(Index cell, const Condensed& own, Matrix& by_moments) {
+  const Matrix& energy = own.energy;
   const Index nodes = corners_ * of_facet_ / dim_;
   const Matrix inverse = edges(cell).inverse();
   Matrix turned(energy.rows(), corners_ * of_facet_);
@@ -98,11 +134,16 @@ void Equilibration::take(Index cell, const Matrix& energy, Matrix& by_moments) {
     turned.middleCols(node * dim_, dim_).noalias() =
         eta * energy.middleCols(node * dim_, dim_) * inverse;
   }
-  if (!condensed_[cell]) {
-    const Vector own = data(cell);
-    energies_(cell) = own.dot(energy * own);
-    slopes_.col(cell) = turned.transpose() * own;
-    condensed_[cell] = true;
+  if (condensed_[cell] == 0) {
+    const Vector known = data(cell);
+    energies_(cell) = known.dot(energy * known - 2.0 * own.right) + own.least;
+    slopes_.col(cell) = turned.transpose() * known;
+    for (Index node = 0; node < nodes; ++node) {
+      slopes_.col(cell).segment(node * dim_, dim_) -= sign(cell, node * dim_ / of_facet_) *
+                                                      inverse.transpose() *
+                                                      own.right.segment(node * dim_, dim_);
+    }
+    condensed_[cell] = 1;
   }
   by_moments.resize(corners_ * of_facet_, corners_ * of_facet_);
   for (Index node = 0; node < nodes; ++node) {
@@ -112,65 +153,8 @@ void Equilibration::take(Index cell, const Matrix& energy, Matrix& by_moments) {
   }
 }
 
-const Vector& Equilibration::relax(int most_sweeps, double enough) {
-  const double bytes = 8.0 * static_cast<double>(corners_ * of_facet_ * corners_ * of_facet_);
-  const auto most = static_cast<std::size_t>(std::max(64.0, most_bytes / bytes));
-  Patch patch;
-  patch.place.assign(static_cast<std::size_t>(count_), -1);
-  for (std::size_t star = 0; star < stars_.size(); ++star) {
-    for (const Index f : stars_[star]) {
-      for (const Index cell : facets_[f].cells) {
-        if (cell >= 0 && patch.place[cell] < 0) {
-          patch.place[cell] = static_cast<Index>(patch.cells.size());
-          patch.cells.push_back(cell);
-        }
-      }
-    }
-    if (patch.cells.size() > most || star + 1 == stars_.size()) {
-      patch.end = star + 1;
-      sweep(patch, most_sweeps, enough);
-    }
-  }
-  for (Index cell = 0; cell < count_; ++cell) {  // whose facets all have given tractions
-    if (!condensed_[cell]) {
-      patch.cells.push_back(cell);
-    }
-  }
-  patch.energies.resize(patch.cells.size());
-  condense(patch.cells, patch.energies);
-  return energies_;
-}
-
-void Equilibration::sweep(Patch& patch, int most_sweeps, double enough) {
-  patch.energies.resize(patch.cells.size());
-  condense(patch.cells, patch.energies);
-  const auto left = [&] {
-    double sum = 0.0;
-    for (const Index cell : patch.cells) {
-      sum += energies_(cell);
-    }
-    return sum;
-  };
-  double before = left();
-  for (int round = 0; round < most_sweeps; ++round) {
-    for (std::size_t k = patch.begin; k < patch.end; ++k) {
-      stop_if_wanted();
-      relax_star(stars_[round % 2 == 0 ? k : patch.begin + patch.end - 1 - k], patch);
-    }
-    const double now = left();
-    if (now > (1.0 - enough) * before) {
-      break;
-    }
-    before = now;
-  }
-  for (const Index cell : patch.cells) {
-    patch.place[cell] = -1;
-  }
-  patch.cells.clear();
-  patch.begin = patch.end;
-}
-
-/// The facets of a star with their cells.
+/// The facets of a star with their cells, and what finds the change of their tractions that takes most of the energy
+/// and keeps force and moment of every cell.
 struct Equilibration::Star {
   Star(const Equilibration& whole, const std::vector<Index>& changing)
       : of(whole), facets(changing) {
@@ -198,6 +182,8 @@ struct Equilibration::Star {
                                     : Index{-1};
   }
 
+  [[nodiscard]] auto lower() const { return root.triangularView<Eigen::Lower>(); }
+
   /// Force and moment (motions, moments of a facet) of a facet on its first cell.
   [[nodiscard]] Matrix resultants(Index f) const {
     const Vector origin = of.places_.col(facets.front()).head(of.dim_);
@@ -217,8 +203,10 @@ struct Equilibration::Star {
     return out;
   }
 
-  void assemble(const Patch& patch, Matrix& matrix, Matrix& balance, Vector& right) const {
+  void factorise(const Patch& patch) {
     const Index width = of.of_facet_;
+    Matrix matrix = Matrix::Zero(size(), size());
+    Matrix balance = Matrix::Zero(kept(), size());
     for (std::size_t i = 0; i < facets.size(); ++i) {
       const auto at = static_cast<Index>(i) * width;
       const Matrix own = resultants(facets[i]);
@@ -227,9 +215,8 @@ struct Equilibration::Star {
         if (one < 0) {
           continue;
         }
-        right.segment(at, width) -= of.slopes_.col(cells[q]).segment(one * width, width);
         const Matrix& energy = patch.energies[patch.place[cells[q]]];
-        for (std::size_t j = 0; j < facets.size(); ++j) {
+        for (std::size_t j = 0; j <= i; ++j) {
           if (const Index other = number(facets[j], cells[q]); other >= 0) {
             matrix.block(at, static_cast<Index>(j) * width, width, width) +=
                 energy.block(one * width, other * width, width, width);
@@ -241,57 +228,180 @@ struct Equilibration::Star {
         }
       }
     }
-  }
-
-  /// The change (moments of all facets) that takes most of the energy.
-  [[nodiscard]] Vector change(const Patch& patch) const {
-    Matrix matrix = Matrix::Zero(size(), size());
-    Matrix balance = Matrix::Zero(kept(), size());
-    Vector right = Vector::Zero(size());
-    assemble(patch, matrix, balance, right);
     matrix.selfadjointView<Eigen::Lower>().rankUpdate(balance.transpose(),
                                                       matrix.trace() / balance.squaredNorm());
-    const Eigen::LLT<Matrix, Eigen::Lower> factor(matrix);
-    const Matrix through = factor.matrixL().solve(balance.transpose());
-    Vector step = factor.matrixL().solve(right);
-    const Eigen::LDLT<Matrix> forces(through.transpose() * through);
+    root = std::move(matrix);
+    const auto rows = static_cast<int>(root.rows());
+    int info = 0;
+    dpotrf_("L", &rows, root.data(), &rows, &info);
+    usable = info == 0;
+    through = lower().solve(balance.transpose());
+    forces.compute(through.transpose() * through);
+  }
+
+  /// The change (moments of all facets) of the slopes of now.
+  [[nodiscard]] Vector change() const {
+    const Index width = of.of_facet_;
+    Vector step = Vector::Zero(size());
+    for (std::size_t i = 0; i < facets.size(); ++i) {
+      for (const Index cell : of.facets_[facets[i]].cells) {
+        if (cell >= 0) {
+          step.segment(static_cast<Index>(i) * width, width) -=
+              of.slopes_.col(cell).segment(number(facets[i], cell) * width, width);
+        }
+      }
+    }
+    lower().solveInPlace(step);
     for (int round = 0; round < 2; ++round) {  // the second one takes the rounding of the first
       step -= through * forces.solve(through.transpose() * step);
     }
-    return factor.matrixU().solve(step);
+    lower().adjoint().solveInPlace(step);
+    return step;
   }
 
   const Equilibration& of;
   const std::vector<Index>& facets;
   std::vector<Index> cells;
   bool grounded = false;
+  bool usable = false;  ///< a sliver's energies may be rounding
+  Matrix root;
+  Matrix through;
+  Eigen::LDLT<Matrix> forces;
 };
 
-/// The change of the tractions of a star that takes most of the energy and keeps force and moment of every cell.
-void Equilibration::relax_star(const std::vector<Index>& facets, const Patch& patch) {
-  const Star star(*this, facets);
-  if (star.size() <= star.kept()) {
-    return;
-  }
-  const Vector change = star.change(patch);
-  if (!change.allFinite()) {
-    return;  // a sliver: its tractions stay as they are, which are in balance, too
-  }
-  for (std::size_t i = 0; i < facets.size(); ++i) {
-    moments_.col(facets[i]) += change.segment(static_cast<Index>(i) * of_facet_, of_facet_);
-  }
-  Vector own(corners_ * of_facet_);
-  for (const Index cell : star.cells) {
-    own.setZero();
-    for (std::size_t i = 0; i < facets.size(); ++i) {
-      if (const Index number = star.number(facets[i], cell); number >= 0) {
-        own.segment(number * of_facet_, of_facet_) =
-            change.segment(static_cast<Index>(i) * of_facet_, of_facet_);
+const Vector& Equilibration::relax(int most_sweeps, double enough) {
+  const SerialAlgebra serial;  // cells and stars are small
+  Patch patch;
+  patch.place.assign(static_cast<std::size_t>(count_), -1);
+  const auto square = [](Index size) { return 8.0 * static_cast<double>(size * size); };
+  double bytes = 0.0;
+  for (std::size_t star = 0; star < stars_.size(); ++star) {
+    bytes += square(static_cast<Index>(stars_[star].size()) * of_facet_);
+    for (const Index f : stars_[star]) {
+      for (const Index cell : facets_[f].cells) {
+        if (cell >= 0 && patch.place[cell] < 0) {
+          patch.place[cell] = static_cast<Index>(patch.cells.size());
+          patch.cells.push_back(cell);
+          bytes += square(corners_ * of_facet_);
+        }
       }
     }
-    const Vector steeper = patch.energies[patch.place[cell]] * own;
-    energies_(cell) += own.dot(2.0 * slopes_.col(cell) + steeper);
-    slopes_.col(cell) += steeper;
+    if (bytes > most_bytes || star + 1 == stars_.size()) {
+      patch.end = star + 1;
+      sweep(patch, most_sweeps, enough);
+      bytes = 0.0;
+    }
+  }
+  for (Index cell = 0; cell < count_; ++cell) {  // whose facets all have given tractions
+    if (condensed_[cell] == 0) {
+      patch.cells.push_back(cell);
+    }
+  }
+  condense(patch.cells, patch.energies);
+  return energies_;
+}
+
+/// Stars that have no cell in common, so that they may be relaxed side by side, by colours.
+std::vector<std::vector<std::size_t>> Equilibration::coloured(const std::deque<Star>& stars) const {
+  std::vector<std::vector<std::size_t>> colours;
+  std::vector<std::vector<std::size_t>> of_cell(static_cast<std::size_t>(count_));
+  for (std::size_t k = 0; k < stars.size(); ++k) {
+    std::vector<bool> taken(colours.size() + 1, false);
+    for (const Index cell : stars[k].cells) {
+      for (const std::size_t colour : of_cell[cell]) {
+        taken[colour] = true;
+      }
+    }
+    const auto colour = static_cast<std::size_t>(std::ranges::find(taken, false) - taken.begin());
+    if (colour == colours.size()) {
+      colours.emplace_back();
+    }
+    colours[colour].push_back(k);
+    for (const Index cell : stars[k].cells) {
+      of_cell[cell].push_back(colour);
+    }
+  }
+  return colours;
+}
+
+void Equilibration::sweep(Patch& patch, int most_sweeps, double enough) {
+  condense(patch.cells, patch.energies);
+  std::deque<Star> stars;
+  for (std::size_t k = patch.begin; k < patch.end; ++k) {
+    stars.emplace_back(*this, stars_[k]);
+    if (stars.back().size() <= stars.back().kept()) {
+      stars.pop_back();
+    }
+  }
+  in_lanes((stars.size() + together - 1) / together, work_of(stars.size()), [&](std::size_t piece) {
+    stop_if_wanted();
+    for (std::size_t k = piece * together; k < std::min((piece + 1) * together, stars.size());
+         ++k) {
+      stars[k].factorise(patch);
+    }
+  });
+  auto colours = coloured(stars);
+  const auto left = [&] {
+    double sum = 0.0;
+    for (const Index cell : patch.cells) {
+      sum += energies_(cell);
+    }
+    return sum;
+  };
+  double before = left();
+  for (int round = 0; round < most_sweeps; ++round) {
+    for (const auto& alike : colours) {
+      stop_if_wanted();
+      in_lanes((alike.size() + together - 1) / together, work_of(alike.size()),
+               [&](std::size_t piece) {
+                 const std::size_t end = std::min((piece + 1) * together, alike.size());
+                 for (std::size_t k = piece * together; k < end; ++k) {
+                   relax_star(stars[alike[k]], patch);
+                 }
+               });
+    }
+    std::ranges::reverse(colours);
+    const double now = left();
+    if (now > (1.0 - enough) * before) {
+      break;
+    }
+    before = now;
+  }
+  for (const Index cell : patch.cells) {
+    patch.place[cell] = -1;
+  }
+  patch.cells.clear();
+  patch.begin = patch.end;
+}
+
+/// Change the tractions of a star.
+void Equilibration::relax_star(const Star& star, const Patch& patch) {
+  const Vector change = star.usable ? star.change() : Vector();
+  if (change.size() == 0 || !change.allFinite()) {
+    return;  // its tractions stay as they are, which are in balance, too
+  }
+  const auto of_facet = [&](std::size_t i) {
+    return change.segment(static_cast<Index>(i) * of_facet_, of_facet_);
+  };
+  for (std::size_t i = 0; i < star.facets.size(); ++i) {
+    moments_.col(star.facets[i]) += of_facet(i);
+  }
+  Vector both(corners_ * of_facet_);  // slopes before and after
+  for (const Index cell : star.cells) {
+    const Matrix& energy = patch.energies[patch.place[cell]];
+    both = slopes_.col(cell);
+    for (std::size_t i = 0; i < star.facets.size(); ++i) {
+      if (const Index number = star.number(star.facets[i], cell); number >= 0) {
+        slopes_.col(cell).noalias() +=
+            energy.middleCols(number * of_facet_, of_facet_) * of_facet(i);
+      }
+    }
+    both += slopes_.col(cell);
+    for (std::size_t i = 0; i < star.facets.size(); ++i) {
+      if (const Index number = star.number(star.facets[i], cell); number >= 0) {
+        energies_(cell) += both.segment(number * of_facet_, of_facet_).dot(of_facet(i));
+      }
+    }
   }
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <deque>
 #include <vector>
 
 #include "latin/common/types.hpp"
@@ -8,7 +9,7 @@
 
 namespace latin::equilibration {
 
-/// Straight simplices with a finite element solution.
+/// Straight simplices with a finite element solution; those that a cell of another shape was cut into, too.
 struct Cells {
   Matrix vertices;             ///< (d, vertices)
   std::vector<Index> corners;  ///< (cells, d + 1), ascending in each cell
@@ -16,12 +17,16 @@ struct Cells {
   Matrix force;                ///< (d, cells) per volume
   std::vector<Matrix> compliance;  ///< (components, components): engineering strains of stresses
   std::vector<Index> material;     ///< (cells,) number of the compliance
+  /// (components * pieces * terms, cells) what the stress has beyond, in ReferenceCell::values(); empty: nothing
+  Matrix rest;
+  /// (d, nodes * cells) by how much more of each node is to be made up by tractions; empty: nothing. Nothing in the sum
+  /// over a cell, as force and as moment.
+  Matrix shift;
 };
 
 /// Facets that belong to one cell. Those that are not named are free of traction.
 struct Boundary {
-  std::vector<Index> cells;
-  std::vector<Index> facets;  ///< number in the cell: of the vertex across
+  std::vector<Index> corners;  ///< (n, d) their vertices, ascending in each
   Matrix moments;  ///< (d * facet nodes, n) of the traction with the functions of the facet
   Matrix held;  ///< (d * d, n) projector onto the directions in which a support takes any traction
 };
@@ -69,20 +74,26 @@ class Equilibration {
   [[nodiscard]] Matrix own_moments(Index cell, Index facet) const;
   [[nodiscard]] Matrix lacking(Index cell) const;
   [[nodiscard]] Vector data(Index cell) const;
+  [[nodiscard]] Vector rest(Index cell) const;
   [[nodiscard]] Matrix reference_compliance(Index cell) const;
   [[nodiscard]] double sign(Index cell, Index number) const {
     return facets_[facet_of_[cell * corners_ + number]].cells[0] == cell ? 1.0 : -1.0;
   }
   [[nodiscard]] Vector softness_of_facets() const;
   void find_facets();
+  [[nodiscard]] std::vector<Index> corners_of(const Facet& facet) const;
+  [[nodiscard]] std::vector<Index> named_facets(const Boundary& boundary) const;
   void find_nodes();
-  void start(const Boundary& boundary);
-  void balance(const Boundary& boundary);
+  void start(const Boundary& boundary, const std::vector<Index>& named);
+  void balance(const Boundary& boundary, const std::vector<Index>& named);
   void find_stars();
   void condense(const std::vector<Index>& cells, std::vector<Matrix>& energies);
-  void take(Index cell, const Matrix& energy, Matrix& by_moments);
+  struct Condensed;
+  [[nodiscard]] Condensed condensed(Index cell, ConstMatrixRef sum) const;
+  void take(Index cell, const Condensed& own, Matrix& by_moments);
   void sweep(Patch& patch, int most_sweeps, double enough);
-  void relax_star(const std::vector<Index>& facets, const Patch& patch);
+  [[nodiscard]] std::vector<std::vector<std::size_t>> coloured(const std::deque<Star>& stars) const;
+  void relax_star(const Star& star, const Patch& patch);
 
   Cells cells_;
   const ReferenceCell& reference_;
@@ -99,7 +110,7 @@ class Equilibration {
   std::vector<std::vector<Index>> stars_;
   Matrix slopes_;  ///< (facets * d * facet nodes, cells) of half the energy by the moments
   Vector energies_;
-  std::vector<bool> condensed_;
+  std::vector<char> condensed_;  ///< no bits: several threads write
   double defect_ = 0.0;
 };
 
