@@ -914,16 +914,17 @@ class Scene(Shown):
         name: str | None = None,
         factor: Value = 1.0,
     ) -> None:
-        """Force at a point of a part, inside or on its surface, or at many points as one load: the displacement
-        there grows as the mesh is refined (a concentrated force has infinite stress).
+        """Force at a point of a part, inside or on its surface, or at many points as one load.
+
+        The displacement there grows as the mesh is refined: a concentrated force has infinite stress.
 
         Parameters
         ----------
         point
             (d,) or (n, d), length.
         force
-            At one point d components: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``,
-            ``z``. At n points plain numbers (n, d), force.
+            At one point d components: numbers, random, or times an Amplitude; parameters ``"<name>.x"``,
+            ``y``, ``z``. At n points plain numbers (n, d), force.
         factor
             Of forces at n points: a number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
         """

@@ -71,15 +71,14 @@ struct Scene {
     const Vector area = Vector::Ones(1);
     for (Index part = 0; part < parts; ++part) {
       const std::string name = "bar" + std::to_string(part);
-      bodies.push_back(
-          {name,
-           nodes,
-           {{name,
-             shared_bar(nodes, part + 1 == parts ? last : 1.0),
-             {},
-             end_load(nodes, part + 1 == parts ? force : 0.0),
-             {}}},
-           {}});
+      bodies.push_back({name,
+                        nodes,
+                        {{name,
+                          shared_bar(nodes, part + 1 == parts ? last : 1.0),
+                          {},
+                          end_load(nodes, part + 1 == parts ? force : 0.0),
+                          {}}},
+                        {}});
       if (part == 0) {
         interfaces.push_back({"wall", "perfect", area, frame, {side(0, 0)}});
       } else {
