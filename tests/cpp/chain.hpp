@@ -32,8 +32,8 @@ inline SparseRows bar(Index n, double ea = 1.0) {
   return k;
 }
 
-inline std::shared_ptr<const latin::SparseView> shared_bar(Index n, double ea = 1.0) {
-  return latin::owning_view(bar(n, ea));
+inline std::shared_ptr<const latin::SparseView> shared_bar(Index n) {
+  return latin::owning_view(bar(n));
 }
 
 inline SparseRows at(Index node, Index n) {
@@ -58,7 +58,6 @@ struct Scene {
   double jump = 0.0;
   double direction = 1.3;
   latin::substructure::OperatorOptions options{};
-  double last = 1.0;  ///< stiffness of the pulled bar
 
   [[nodiscard]] latin::substructure::Laws build() const {
     std::vector<latin::substructure::BodyDescription> bodies;
@@ -71,14 +70,11 @@ struct Scene {
     const Vector area = Vector::Ones(1);
     for (Index part = 0; part < parts; ++part) {
       const std::string name = "bar" + std::to_string(part);
-      bodies.push_back({name,
-                        nodes,
-                        {{name,
-                          shared_bar(nodes, part + 1 == parts ? last : 1.0),
-                          {},
-                          end_load(nodes, part + 1 == parts ? force : 0.0),
-                          {}}},
-                        {}});
+      bodies.push_back(
+          {name,
+           nodes,
+           {{name, shared_bar(nodes), {}, end_load(nodes, part + 1 == parts ? force : 0.0), {}}},
+           {}});
       if (part == 0) {
         interfaces.push_back({"wall", "perfect", area, frame, {side(0, 0)}});
       } else {

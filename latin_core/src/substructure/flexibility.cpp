@@ -34,7 +34,7 @@ Flexibility::Flexibility(const Structure& structure)
     add_bodies();
   });
   gather();
-  own_ = joined_->of_points(matrix_.diagonal());
+  find_own();
   matrix_.diagonal() += direct_;
   matrix_ /= 1.0 + mu;
   modal_jumps_ = Matrix::Zero(unknowns(), modal_traces_.cols());
@@ -141,6 +141,11 @@ void Flexibility::gather() {
   const auto modes = static_cast<Index>(every_stiffness.size());
   modal_stiffness_ = Eigen::Map<const Vector>(every_stiffness.data(), modes);
   modal_traces_ = Eigen::Map<const Matrix>(every_trace.data(), modal_traces_.rows(), modes);
+}
+
+void Flexibility::find_own() {
+  own_ = joined_->of_points(matrix_.diagonal());
+  own_ = (own_.array() > 0.0).select(own_, direct_);  // faces whose displacements are given
 }
 
 void Flexibility::find_modes(Part& part, const SparseRows& springs) {

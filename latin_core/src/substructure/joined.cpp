@@ -293,19 +293,18 @@ Matrix Joined::own_unknowns(ConstMatrixRef all) const {
 
 Vector Joined::of_points(Vector flexibility) const {
   constexpr double least = 1e-2;
+  // relative to what displacements are measured with: other than forces per area have units of their own
+  Vector scales(flexibility.size());
   for (const JoinedInterface& interface : interfaces_) {
-    auto of_interface = flexibility.segment(interface.first_unknown, interface.size);
     for (Index i = 0; i < interface.size; i += interface.components) {
-      auto point = of_interface.segment(i, interface.components);
+      auto point = flexibility.segment(interface.first_unknown + i, interface.components);
       point.setConstant(point.mean());
     }
-    if (interface.size > 0) {
-      of_interface = of_interface.cwiseMax(least * of_interface.mean()).eval();
-    }
-    // where displacements are given on both sides nothing is flexible
-    of_interface = (of_interface.array() > 0.0).select(of_interface, interface.flexibility).eval();
+    scales.segment(interface.first_unknown, interface.size) =
+        scales_.segment(*std::ranges::max_element(interface.rows), interface.size);
   }
-  return flexibility;
+  const double mean = flexibility.size() > 0 ? flexibility.cwiseProduct(scales).mean() : 0.0;
+  return flexibility.cwiseMax(least * mean * scales.cwiseInverse());
 }
 
 }  // namespace latin::substructure

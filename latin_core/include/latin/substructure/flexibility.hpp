@@ -41,8 +41,8 @@ class Flexibility {
   [[nodiscard]] Vector product(ConstVectorRef y) const;
   /// E^T k^-1 E
   [[nodiscard]] const Vector& direct() const { return direct_; }
-  /// (unknowns) how much a unit force at a point changes its jump by the deformation of the bodies alone, see
-  /// Joined::of_points().
+  /// (unknowns) how much a unit force at a point changes its jump by the deformation of the bodies alone: the mean
+  /// over the components, but at least a hundredth of the mean over all points.
   [[nodiscard]] const Vector& own() const { return own_; }
   /// (unknowns) areas
   [[nodiscard]] const Vector& areas() const { return areas_; }
@@ -79,6 +79,7 @@ class Flexibility {
   void find_modes(Part& part, const SparseRows& springs);
   /// @param adding held while the matrix is added to
   void add_matrix(const Part& part, std::mutex& adding);
+  void find_own();
 
   const Structure& structure_;
   std::shared_ptr<const Joined> joined_;

@@ -73,7 +73,7 @@ class Joined {
   }
   [[nodiscard]] Matrix own_unknowns(ConstMatrixRef all) const;
   /// A flexibility (unknowns) as laws may be asked at it: one for all components of a point, and at least a hundredth of
-  /// the mean over the interface; that of the search direction where nothing is flexible.
+  /// the mean over all points.
   [[nodiscard]] Vector of_points(Vector flexibility) const;
   /// The most components that an interface has.
   [[nodiscard]] Index most_components() const { return most_components_; }
