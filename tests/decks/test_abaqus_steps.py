@@ -31,6 +31,25 @@ def step(*cards: str, increments: str = "") -> str:
     return "\n".join(["*STEP", *static, *cards, "*END STEP\n"])
 
 
+# --- forces -------------------------------------------------------------------------------------------
+def test_forces_of_nodes_that_grow_alike_are_one_load(tmp_path: Path) -> None:
+    """10 along the bar, of shares that are no binary numbers, and 1 across that grows in another way."""
+    brick, _ = bar()
+    nodes, shares = sorted(brick.nodes_at(0, True)), (0.1, 0.3, 0.2, 0.4)
+    along = "".join(f"{node}, 1, {10 * share}\n" for node, share in zip(nodes, shares, strict=True))
+    deck = deck_of(tmp_path, (
+        "*AMPLITUDE, NAME=A\n0., 0., .3, .1, 1., 1.\n*AMPLITUDE, NAME=B\n0., 0., .3, 1., 1., 1.\n"
+        f"{brick.text()}{SOFT}*BOUNDARY\nBAR_X0, 1, 3\n*STEP\n*STATIC, DIRECT\n.1, 1.\n"
+        f"*CLOAD, AMPLITUDE=A\n{along}*CLOAD, AMPLITUDE=B\n{nodes[0]}, 2, 1.\n*END STEP\n"
+    ))
+    assert sorted(deck.scene().loads) == [f"force {nodes[0]}", "force of nodes"]
+    result = solved(deck)
+    corners = [(L, y, z) for y in (0.0, 1.0) for z in (0.0, 1.0)]
+    for time, force in ((0.3, 1.0), (1.0, 10.0)):  # nu = 0: the mean over the section is that of a bar
+        moved = [at(result, "BAR", x, "displacement", "x", deck.times.index(time)) for x in corners]
+        assert np.mean(moved) == pytest.approx(force * L / 1000.0, rel=1e-9)
+
+
 # --- supports -----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("kind", ["C3D8", "C3D20"])
 def test_a_support_that_comes_and_goes(kind: str, tmp_path: Path) -> None:

@@ -14,8 +14,10 @@ from dolfinx_frontend.decks.abaqus.model import Model
 from dolfinx_frontend.decks.lines import DeckError
 from dolfinx_frontend.scene.amplitudes import Amplitude
 
-__all__ = ["Curve", "Given", "History", "Hold", "Key", "Step", "combined"]
+__all__ = ["DIGITS", "Curve", "Given", "History", "Hold", "Key", "Step", "combined"]
 
+DIGITS = 12
+"""Of shapes of curves: what is beyond is rounding."""
 Curve = tuple[tuple[float, float], ...]
 """Points (total time, value)."""
 
@@ -437,7 +439,7 @@ class History:
         if self.static or size == 0.0 or all(v == last for _, v in curve):
             return last
         times = [t for t, _ in curve]
-        return Amplitude(times, [round(v / size, 12) for _, v in curve]) * size
+        return Amplitude(times, [round(v / size, DIGITS) for _, v in curve]) * size
 
 
 def combined(terms: Sequence[tuple[float, Curve]]) -> Curve:

@@ -17,7 +17,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.decks.abaqus.cards import placed
 from dolfinx_frontend.decks.abaqus.elements import listed
 from dolfinx_frontend.decks.abaqus.faces import Faces
-from dolfinx_frontend.decks.abaqus.history import Curve, Given, History, Hold, combined
+from dolfinx_frontend.decks.abaqus.history import DIGITS, Curve, Given, History, Hold, combined
 from dolfinx_frontend.decks.abaqus.links import Links, unused
 from dolfinx_frontend.decks.abaqus.materials import thickness_of
 from dolfinx_frontend.decks.abaqus.pieces import Mesh, Pairs, Piece
@@ -262,16 +262,15 @@ class Loads:
             if max(curves) > self.dim:
                 raise given.error(f"component {max(curves)} of a node of a solid; give forces along axes")
             first[node] = given
-            of_set = "" if str(given.target).isdigit() else str(given.target)
+            of_set = "" if given.target.rpartition(".")[2].isdigit() else given.target
             for component, curve in curves.items():
                 most = max((v for _, v in curve), key=abs)
                 if most:  # what grows alike on one set, or on single nodes, is one load
-                    alike = tuple((t, v / most) for t, v in curve)
+                    alike = tuple((t, round(v / most, DIGITS)) for t, v in curve)
                     group = groups.setdefault((self.mesh.pieces_of_node[node][0], of_set, alike), {})
                     group.setdefault(node, np.zeros(self.dim))[component - 1] += most
         for (p, of_set, curve), forces in groups.items():
-            nodes = list(forces)
-            given = first[nodes[0]]
+            nodes, given = list(forces), first[next(iter(forces))]
             label = of_set or ("of nodes" if len({first[n].target for n in nodes}) > 1 else given.target)
             with placed(given.row.where, given.card.keyword):
                 x, name = self.mesh.x[nodes, : self.dim], self._name(f"force {label}")
