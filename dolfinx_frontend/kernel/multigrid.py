@@ -2,8 +2,9 @@
 
 Two levels where the shape functions are of a higher degree: the linear ones on the same mesh, an eighth of
 the unknowns of quadratic ones in 3D, are factorised, and the rest is left to Chebyshev polynomials of the
-matrix.  Where they are linear already, or where the coarse level is large, PETSc's GAMG is told the rigid
-motions.
+matrix.  Where they are linear already, or where their factor does not fit into the memory, PETSc's GAMG is
+told the rigid motions; the lower level is then solved by conjugate gradients, as one cycle leaves most of its
+error.
 
 The matrix of the bodies is on the ranks that have them, and only springs are between ranks. What is
 factorised, or given to PETSc as a whole, is one matrix of all ranks.
@@ -46,9 +47,6 @@ PETSc: Any = _PETSc  # its stubs know no members
 
 PREFIX = "latin_body_"
 
-COARSE = 400_000
-"""Unknowns up to which the coarse level is factorised; of more, multigrid goes on by aggregation."""
-
 GLUE = 1e6
 """Stiffness of glue that stays active, over its search direction. The fields of a basis have to be joined, as
 the law lets nothing else pass: with 1e3 they are not (errors stay above 1e-5), with 1e5 to 1e7 they are."""
@@ -58,6 +56,8 @@ _STEPS = 3
 
 _SMOOTHER: dict[str, Any] = {"ksp_type": "chebyshev", "ksp_max_it": _STEPS, "pc_type": "jacobi"}
 _GAMG: dict[str, Any] = {"pc_type": "gamg", "pc_gamg_threshold": 0.01}
+_ITERATED: dict[str, Any] = {"ksp_type": "cg", "ksp_rtol": 0.1}
+"""Of a lower level without a factor: with a tenth of its residual left rounds converge as with a factor."""
 
 
 def _of_packages(**packages: str) -> list[str]:
@@ -161,6 +161,8 @@ class Multigrid:
         the digits of the matrix.
     rows
         Of this rank among those of all.
+    factorised
+        Whether a factor of the coarse level fits into the memory; the same on all ranks.
     """
 
     def __init__(
@@ -170,6 +172,7 @@ class Multigrid:
         rigid: Array,
         springs: Sequence[Spring] = (),
         rows: Rows | None = None,
+        factorised: bool = True,
     ) -> None:
         self.matrix, self.springs, self.rows = matrix, springs, rows or Rows()
         diagonal = np.array(matrix.getDiagonal().getArray())
@@ -186,10 +189,10 @@ class Multigrid:
             self.pc.setOperators(matrix)
             _set_up(self.pc, PREFIX, _GAMG | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()})
         else:
-            matrix = self._two_levels(coarse, rigid)
+            matrix = self._two_levels(coarse, rigid, factorised)
         self._left, self._right = matrix.createVecs()
 
-    def _two_levels(self, coarse: Coarse, rigid: Array) -> Any:
+    def _two_levels(self, coarse: Coarse, rigid: Array, factorised: bool) -> Any:
         """The linear shape functions below; PETSc's own cycle where the user gave options for it.
 
         Returns the matrix that a cycle is for.
@@ -203,13 +206,13 @@ class Multigrid:
         )
         below.setOption(PETSc.Mat.Option.SPD, True)
         defaults: dict[str, Any] = {"ksp_type": "preonly"}
-        if below.getSize()[0] <= COARSE:
+        if factorised:
             self.kind = "linear shape functions, factorised"
             defaults |= _FACTORISED if rows.comm is None else _FACTORISED_BY_ALL
         else:
             self.kind = "linear shape functions, aggregation"
             _tell_rigid_motions(below, rigid[coarse.owners], rows)
-            defaults |= _GAMG | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()}
+            defaults = _ITERATED | _GAMG | {f"mg_levels_{key}": value for key, value in _SMOOTHER.items()}
         self.pc = None
         if not _asked():
             ksp = PETSc.KSP().create(rows.petsc)

@@ -30,6 +30,7 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.memory import available_memory
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.multigrid import (
     GLUE,
@@ -41,6 +42,7 @@ from dolfinx_frontend.kernel.multigrid import (
     rigid_motions,
 )
 from dolfinx_frontend.kernel.rows import Rows, placed
+from dolfinx_frontend.plan.cost import lower_level
 
 __all__ = ["Answer", "Bodies", "Subspace"]
 
@@ -153,7 +155,9 @@ class Bodies:
         if rows.any(shapes is None):
             shapes = None
         self._check_glue(shapes is None)
-        self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between, rows)
+        needed = 8.0 * lower_level(problem, self.size).entries
+        fits = not rows.any(needed > available_memory())
+        self.multigrid = Multigrid(self.matrix, shapes, self.rigid, self.between, rows, fits)
 
     def _check_glue(self, linear: bool) -> None:
         """Refuse glue whose rounds do not converge: at several interfaces, or by aggregation, whose lower

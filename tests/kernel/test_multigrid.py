@@ -33,7 +33,7 @@ from dolfinx_frontend import (
     sweep,
 )
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.kernel import fitting
+from dolfinx_frontend.kernel import fitting, subspace
 from dolfinx_frontend.kernel.multigrid import PREFIX
 
 PETSc: Any = _PETSc
@@ -76,6 +76,18 @@ def test_a_direct_solution(degree: int, cell: str) -> None:
     for name in ("joint", "ground"):
         scale = np.abs(exact.force(name)).max()
         assert np.abs(found.force(name) - exact.force(name)).max() <= 1e-3 * scale
+
+
+def test_a_lower_level_without_a_factor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where its factor does not fit into the memory, as of five million unknowns."""
+    problem = blocks(ELASTIC, cells=4)
+    exact, factorised = solve(problem), solve(problem, options=MULTIGRID)
+    monkeypatch.setattr(subspace, "available_memory", lambda: 1.0)
+    found = solve(problem, options=MULTIGRID)
+    assert found.solver.space is not None and factorised.solver.space is not None
+    assert found.solver.space.bodies.multigrid.kind == "linear shape functions, aggregation"
+    assert found.solver.space.count <= 1.2 * factorised.solver.space.count
+    assert found.converged and apart(problem, found.displacements, exact.displacements) <= MULTIGRID.rtol
 
 
 def test_an_active_joint() -> None:
