@@ -10,15 +10,15 @@ import pytest
 
 import dolfinx_frontend as lf
 
-Plate = tuple[float, float, float, int]
-"""Modulus, Poisson's ratio, height, cells along the length."""
+Plate = tuple[float, float, float, int, int]
+"""Modulus, Poisson's ratio, height, cells along the length, degree."""
 STACKS: dict[str, tuple[int, float, float, float, list[Plate], list[lf.Contact]]] = {
     "soft sheets between stiff blocks": (
         3,
         80.0,
         20.0,
         19.0,
-        [(210e3, 0.3, 15.0, 4), (4.0, 0.3, 0.2, 4), (210e3, 0.45, 15.0, 7), (2e3, 0.3, 0.2, 7)],
+        [(210e3, 0.3, 15.0, 4, 1), (4.0, 0.3, 0.2, 4, 1), (210e3, 0.45, 15.0, 7, 1), (2e3, 0.3, 0.2, 7, 1)],
         [
             lf.Contact(friction=1.5, stiffness=1e3),
             lf.Contact(friction=1.0),
@@ -30,8 +30,16 @@ STACKS: dict[str, tuple[int, float, float, float, list[Plate], list[lf.Contact]]
         20.0,
         5.0,
         0.25,
-        [(3e3, 0.45, 15.0, 32), (3e3, 0.45, 15.0, 33), (70e3, 0.3, 8.0, 32), (70e3, 0.3, 15.0, 32)],
+        [(3e3, 0.45, 15.0, 32, 1), (3e3, 0.45, 15.0, 33, 1), (70e3, 0.3, 8.0, 32, 1), (70e3, 0.3, 15.0, 32, 1)],
         [lf.Contact(friction=1.5, stiffness=1e3), lf.Contact(friction=0.3), lf.Contact(friction=0.1)],
+    ),
+    "a block between films, which see less of its forces than it does": (
+        3,
+        20.0,
+        0.1,
+        0.035,
+        [(4.0, 0.45, 0.5, 13, 2), (3e3, 0.45, 4.0, 14, 1), (4.0, 0.45, 0.2, 12, 1)],
+        [lf.Contact(friction=0.4), lf.Contact(gap=0.01, friction=1.5, stiffness=1e5)],
     ),
 }
 """Dimension, length, pressure, shear, plates from below, joints between them."""
@@ -45,7 +53,7 @@ def problem_of(stack: str) -> lf.Problem:
     dim, length, pressure, shear, plates, joints = STACKS[stack]
     scene, height, width = lf.Scene(), 0.0, 10.0 if dim == 3 else 1.0
     up = "yz"[dim - 2]
-    for k, (young, nu, h, cells) in enumerate(plates):
+    for k, (young, nu, h, cells, degree) in enumerate(plates):
         layers = 1 if h < 1.0 else 2
         if dim == 3:
             size, divisions = (length, width, h), (cells, max(2, cells // 2), layers)
@@ -54,7 +62,7 @@ def problem_of(stack: str) -> lf.Problem:
             size, divisions, origin = (length, h), (cells, layers), (0.0, height)
         cell = "hexahedron" if dim == 3 else "triangle"
         part = lf.geometry.box(size, divisions, origin=origin, cell=cell)
-        scene.substructure(f"p{k}", part, lf.LinearElastic(young, nu), degree=1)
+        scene.substructure(f"p{k}", part, lf.LinearElastic(young, nu), degree=degree)
         height += h
     scene.fix(f"p0:{up}0")
     for k, law in enumerate(joints):
