@@ -261,6 +261,7 @@ def test_messages(tmp_path: Path) -> None:
     refused(lambda: lf.report(result, friction=-0.1), "friction", "-0.1", "a finite number >= 0")
     refused(lambda: lf.report(result, stress_area={"bolt": 0.0}), "stress_area", "positive")
     refused(lambda: lf.report(result, units="mm"), "units", "('mm', 'N')")
+    refused(lambda: lf.report(result, units=("N", "mm")), "length comes first", "('mm', 'N')")
     refused(lambda: lf.report(result, quantiles=[2.0]), "quantile")
     refused(lambda: lf.report(result, errors=3), "errors", "True, False")
     refused(lambda: lf.report(result, renderer="vtl"), "renderer", "'vtl'")  # type: ignore[arg-type]
