@@ -15,8 +15,11 @@ from dolfinx_frontend.assembly.matrix_part import PointsOf, at_points, frames_of
 from dolfinx_frontend.assembly.part_loads import FaceOf, cross, face_of, fitting
 from dolfinx_frontend.assembly.substructure import NEAR, Substructure
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.model_limits import LIMITS, beyond
+from dolfinx_frontend.scene.laws import Preload
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote
 
@@ -94,6 +97,19 @@ def _oblique(where: str, along: Array, faces: Sequence[FaceOf | PointsOf], names
         )
 
 
+def _check_stretch(where: str, law: Preload, length: float) -> None:
+    """Warn of a preload that no bolt has, in strain: a unit is wrong."""
+    force = law.given_force()
+    if force is None or not is_real(law.stiffness):
+        return
+    strain = force / (float(law.stiffness) * length)
+    said = f"{where}: tightened to {force:.4g} the bolt is {strain:.2g} of its length {length:.4g} longer"
+    if strain > LIMITS.strain:
+        beyond(f"{said}, more than {LIMITS.strain:.0%}: are force or torque, stiffness and mesh in one unit?")
+    elif law.torque is not None and 0.0 < strain < LIMITS.slack:
+        beyond(f"{said}: is the torque in N m, with a mesh in mm? Then it is 1000 times as large")
+
+
 def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> Remote:
     """Forces and moments at both ends of one deformation of a beam.
 
@@ -110,6 +126,8 @@ def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> 
     along[:d] = (ends[1] - ends[0]) / length
     if way == "axial" and spec.law.bolt:
         _oblique(where, along[:d], faces, spec.faces)
+        if isinstance(spec.law, Preload):
+            _check_stretch(where, spec.law, length)
     # rounding must not choose between axes that are alike
     helper = np.eye(3)[2 if d == 2 else int(np.argmin(np.round(np.abs(along), 6)))]
     first = helper - (helper @ along) * along

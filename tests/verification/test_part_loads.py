@@ -727,6 +727,29 @@ def test_a_bolt_stays_cold_and_says_so() -> None:
     assert warm == pytest.approx([1e4, 1e4], rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("tightened", "said"),
+    [
+        ({"force": 1.2e5}, r"to 1.2e\+05 the bolt is 0.012 of its length 20 longer, more than 1%"),
+        ({"torque": 40.0}, r"is the torque in N m, with a mesh in mm\? Then it is 1000 times as large"),
+        ({"torque": 40e3}, ""),
+    ],
+)
+def test_a_preload_that_no_bolt_has_is_told(tightened: dict[str, float], said: str) -> None:
+    thread = {"mu_thread": 0.12, "mu_head": 0.12, "d": 10.0, "pitch": 1.5} if "torque" in tightened else {}
+    scene = lf.Scene()
+    for number, part in enumerate("ab"):
+        block = geometry.box((10, 10, 10), (1, 1, 1), origin=(0, 0, 10 * number), cell="hexahedron")
+        scene.substructure(part, block, lf.LinearElastic(E, 0.0), degree=1)
+    scene.fix(["a:z0", "b:z1"])
+    bolt = lf.BoltStiffness(5e5, 1.0, 1.0)
+    scene.beam("bolt", "a:z0", "b:z1", bolt, lf.Preload(**tightened, **thread))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        lf.assemble(scene)
+    assert len(caught) == bool(said) and (not said or re.search(said, str(caught[0].message)))
+
+
 def test_a_bolt_that_is_not_square_to_a_face_is_told() -> None:
     """From (5, 5, 0) to (10, 5, 15)."""
     scene = lf.Scene()

@@ -182,6 +182,13 @@ class Preload(Law):
             )
         return np.asarray(torque / lever, dtype=np.float64)
 
+    def given_force(self) -> float | None:
+        """Force to which it is tightened, random values at their means; None: by a length, or in time."""
+        if self.torque is not None:
+            return float(self._force_of({}))
+        known = is_real(self.force) or isinstance(self.force, Parameter)
+        return self._nominal("force") if known else None
+
     def _slack_of(self, values: Mapping[str, Array]) -> Array:
         """Length (N,) that the section gains after tightening."""
         total: Any = 0.0
