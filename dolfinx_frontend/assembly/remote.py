@@ -100,7 +100,7 @@ def _oblique(where: str, along: Array, faces: Sequence[FaceOf | PointsOf], names
 def _check_stretch(where: str, law: Preload, length: float) -> None:
     """Warn of a preload that no bolt has, in strain: a unit is wrong."""
     force = law.given_force()
-    if force is None or not is_real(law.stiffness):
+    if force is None or law.stiffness is None or not is_real(law.stiffness):
         return
     strain = force / (float(law.stiffness) * length)
     said = f"{where}: tightened to {force:.4g} the bolt is {strain:.2g} of its length {length:.4g} longer"
