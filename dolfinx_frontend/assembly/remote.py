@@ -29,6 +29,9 @@ FLAT, OBLIQUE = 0.95, 0.94
 """Size of the mean normal of a face below which it is a hole or a bend, and its cosine with the axis of a
 bolt below which no washer makes up for it: 20 degrees."""
 
+FAR = 2.0
+"""Factor between clamped length and distance of the faces: with thread in a tapped hole it is below."""
+
 
 def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> Interface:
     """The interface, of parts on this rank.
@@ -124,6 +127,12 @@ def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> 
         raise SceneError(f"{where}: the centroids of its faces coincide; a beam has a length > 0")
     along = np.zeros(3)
     along[:d] = (ends[1] - ends[0]) / length
+    clamped = None if spec.remote is None else spec.remote.clamped
+    if way == "axial" and clamped is not None and not clamped / FAR < length < clamped * FAR:
+        beyond(
+            f"{where}: its stiffness is that of a bolt that clamps {clamped:.4g}, its faces are {length:.4g} "
+            "apart: give shank= and thread= of this one, in the unit of the mesh"
+        )
     if way == "axial" and spec.law.bolt:
         _oblique(where, along[:d], faces, spec.faces)
         if isinstance(spec.law, Preload):

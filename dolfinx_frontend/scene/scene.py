@@ -720,7 +720,8 @@ class Scene(Shown):
         for way, value in others.items():
             laws[way] = Seated(0.0, until=turns[0][1], stiffness=value) if turns else Elastic(normal=value)
         for way, law in laws.items():
-            self._remote(f"{name}.{way}", faces, law, Remote(points=(None, None), beam=way))
+            remote = Remote(points=(None, None), beam=way, clamped=stiffness.length)
+            self._remote(f"{name}.{way}", faces, law, remote)
 
     # --- loads of parts -------------------------------------------------------------------------
     def _add(

@@ -750,6 +750,23 @@ def test_a_preload_that_no_bolt_has_is_told(tightened: dict[str, float], said: s
     assert len(caught) == bool(said) and (not said or re.search(said, str(caught[0].message)))
 
 
+@pytest.mark.parametrize(
+    ("thread", "said"), [(15.0, ""), (35.0, "clamps 45.5, its faces are 20 apart"), (0.0, "")]
+)
+def test_a_bolt_of_another_length_is_told(thread: float, said: str) -> None:
+    scene = lf.Scene()
+    for number, part in enumerate("ab"):
+        block = geometry.box((10, 10, 10), (1, 1, 1), origin=(0, 0, 10 * number), cell="hexahedron")
+        scene.substructure(part, block, lf.LinearElastic(E, 0.0), degree=1)
+    scene.fix(["a:z0", "b:z1"])
+    bolt = lf.BoltStiffness.vdi2230(d=8.0, pitch=1.25, shank=10.5, thread=thread, E=E)
+    scene.beam("bolt", "a:z0", "b:z1", bolt)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        lf.assemble(scene)
+    assert len(caught) == bool(said) and all(said in str(each.message) for each in caught)
+
+
 def test_a_bolt_that_is_not_square_to_a_face_is_told() -> None:
     """From (5, 5, 0) to (10, 5, 15)."""
     scene = lf.Scene()
