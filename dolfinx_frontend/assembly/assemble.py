@@ -46,7 +46,7 @@ from dolfinx_frontend.assembly.ranks import (
     swap,
 )
 from dolfinx_frontend.assembly.relief import Relief, densities_of, relief_supports
-from dolfinx_frontend.assembly.remote import remote_interface
+from dolfinx_frontend.assembly.remote import check_cold, remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.spread import SpreadPart, condensed
 from dolfinx_frontend.assembly.stretch import with_cells
@@ -245,6 +245,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any, before: Probl
     if len({part.dim for part in parts.values()}) > 1:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_units(scene, substructures, parts)
+    check_cold(scene)
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
         [

@@ -3,6 +3,7 @@ one or two faces (RBE3), or points of a matrix."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,15 +11,26 @@ import numpy as np
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.interface import Interface, Side
-from dolfinx_frontend.assembly.matrix_part import at_points, frames_of
-from dolfinx_frontend.assembly.part_loads import cross, face_of, fitting
+from dolfinx_frontend.assembly.matrix_part import PointsOf, at_points, frames_of
+from dolfinx_frontend.assembly.part_loads import FaceOf, cross, face_of, fitting
 from dolfinx_frontend.assembly.substructure import NEAR, Substructure
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.deferred import sp
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.model_limits import LIMITS, beyond
+from dolfinx_frontend.scene.laws import Preload
+from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote
 
-__all__ = ["remote_interface"]
+__all__ = ["check_cold", "remote_interface"]
+
+FLAT, OBLIQUE = 0.95, 0.94
+"""Size of the mean normal of a face below which it is a hole or a bend, and its cosine with the axis of a
+bolt below which no washer makes up for it: 20 degrees."""
+
+FAR = 2.0
+"""Factor between clamped length and distance of the faces: with thread in a tapped hole it is below."""
 
 
 def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> Interface:
@@ -52,19 +64,79 @@ def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> In
     return _made(spec, tuple(sides), where, wrench)
 
 
+def check_cold(scene: Scene) -> None:
+    """Warn of bolts that are beams, which have no temperature, between parts that have one."""
+    warm = {load.part for load in scene.loads.values() if load.kind == "temperature"}
+    cold = [
+        name.removesuffix(".axial")
+        for name, spec in scene.interfaces.items()
+        if spec.remote is not None and spec.remote.beam == "axial"
+        and spec.law.bolt and not spec.law.given("shortening")
+        and all(face.substructure in warm for face in spec.faces)
+    ]  # fmt: skip
+    if cold:
+        more = f" and {len(cold) - 1} more" if cold[1:] else ""
+        warn(
+            f"beam {cold[0]!r}{more}: its parts get warm, a beam has no temperature and keeps its length: "
+            "what it would grow is Preload(..., shortening=-alpha * dT * L), times the Amplitude of dT; 0.0 "
+            "says that it stays cold",
+            SceneWarning,
+        )
+
+
+def _oblique(where: str, along: Array, faces: Sequence[FaceOf | PointsOf], names: Sequence[Face]) -> None:
+    """Warn of a bolt that is not square to the faces under its head and nut."""
+    cosines = []
+    for face in faces:
+        normal = face.weights @ face.normals / face.area if isinstance(face, FaceOf) else along
+        size = float(np.linalg.norm(normal))
+        cosines.append(abs(float(normal @ along)) / size if size > FLAT else 1.0)
+    worst = int(np.argmin(cosines))
+    if cosines[worst] < OBLIQUE:
+        warn(
+            f"{where}: the bolt is {np.degrees(np.arccos(cosines[worst])):.0f} degrees off the normal of "
+            f"'{names[worst]}', on which its head or nut lies: is that the face, and at its place?",
+            SceneWarning,
+        )
+
+
+def _check_stretch(where: str, law: Preload, length: float) -> None:
+    """Warn of a preload that no bolt has, in strain: a unit is wrong."""
+    force = law.given_force()
+    if force is None or law.stiffness is None or not is_real(law.stiffness):
+        return
+    strain = force / (float(law.stiffness) * length)
+    said = f"{where}: tightened to {force:.4g} the bolt is {strain:.2g} of its length {length:.4g} longer"
+    if strain > LIMITS.strain:
+        beyond(f"{said}, more than {LIMITS.strain:.0%}: are force or torque, stiffness and mesh in one unit?")
+    elif law.torque is not None and 0.0 < strain < LIMITS.slack:
+        beyond(f"{said}: is the torque in N m, with a mesh in mm? Then it is 1000 times as large")
+
+
 def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> Remote:
     """Forces and moments at both ends of one deformation of a beam.
 
     Its bending energy is E I / 2 L (theta2 - theta1)^2 + 6 E I / L ((theta1 + theta2) / 2 - dv / L)^2.
     """
     where, d = f"interface {spec.name!r}", parts[0].dim
-    ends = [face_of(s, face.face, where).centre for face, s in zip(spec.faces, parts, strict=True)]
+    faces = [face_of(s, face.face, where) for face, s in zip(spec.faces, parts, strict=True)]
+    ends = [face.centre for face in faces]
     length = float(np.linalg.norm(ends[1] - ends[0]))
     size = max(s.length for s in parts)
     if length < 1e-6 * size:
         raise SceneError(f"{where}: the centroids of its faces coincide; a beam has a length > 0")
     along = np.zeros(3)
     along[:d] = (ends[1] - ends[0]) / length
+    clamped = None if spec.remote is None else spec.remote.clamped
+    if way == "axial" and clamped is not None and not clamped / FAR < length < clamped * FAR:
+        beyond(
+            f"{where}: its stiffness is that of a bolt that clamps {clamped:.4g}, its faces are {length:.4g} "
+            "apart: give shank= and thread= of this one, in the unit of the mesh"
+        )
+    if way == "axial" and spec.law.bolt:
+        _oblique(where, along[:d], faces, spec.faces)
+        if isinstance(spec.law, Preload):
+            _check_stretch(where, spec.law, length)
     # rounding must not choose between axes that are alike
     helper = np.eye(3)[2 if d == 2 else int(np.argmin(np.round(np.abs(along), 6)))]
     first = helper - (helper @ along) * along

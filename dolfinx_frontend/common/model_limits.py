@@ -40,6 +40,8 @@ class Settings:
     """Standard deviation over mean: what scatters by more than its mean is rather a percentage."""
     thermal_strain: float = 0.01
     """alpha dT: metals melt at 1 to 2 %; plastics reach it within 100 K."""
+    slack: float = 2e-5
+    """Strain of a bolt by its torque below which nobody tightened it: 4 MPa in steel."""
     numbers: float = 2e7
     """Displacements (unknowns times steps, 8 bytes each) that are recovered only to look at them."""
 

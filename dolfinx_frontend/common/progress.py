@@ -21,12 +21,14 @@ from typing import Any, ClassVar, Self
 from dolfinx_frontend.common.checks import checked_flag
 from dolfinx_frontend.common.describe import shown_error
 
-__all__ = ["Bar", "progress"]
+__all__ = ["Bar", "Lines", "progress"]
 
 _log = logging.getLogger(__name__)
 _DELAY = 0.5  # seconds
 EVERY = 5.0
 """Seconds between two lines of the log."""
+LINES = 3
+"""Of one kind that are logged in full; of points that fail there may be thousands."""
 _on = os.environ.get("LATIN_PROGRESS", "1").strip().lower() not in ("0", "false", "no", "off")
 
 
@@ -142,3 +144,23 @@ def _telling() -> None:
         old = [bar for bar in list(Bar.running) if bar.told and monotonic() - bar.began > 0.5 * EVERY]
         if old and not any(bar.drawn for bar in old):
             _log.info("%s", old[-1])
+
+
+class Lines:
+    """Warnings of points in the log: the first ones of a kind, then how many more there are."""
+
+    def __init__(self, log: logging.Logger, rank: int = 0) -> None:
+        self._log, self._silent = log, rank != 0
+        self._counts: dict[str, int] = {}
+
+    def add(self, kind: str, line: str) -> None:
+        """A line of a kind, named in the plural, as ``"samples that ended as slides"``."""
+        self._counts[kind] = self._counts.get(kind, 0) + 1
+        if not self._silent:
+            self._log.log(logging.WARNING if self._counts[kind] <= LINES else logging.DEBUG, "%s", line)
+
+    def rest(self) -> None:
+        """Say how many lines of each kind were left out."""
+        for kind, count in self._counts.items():
+            if count > LINES and not self._silent:
+                self._log.warning("and %d more %s", count - LINES, kind)

@@ -417,6 +417,7 @@ class Inputs:
             k: [] for k in "corners stress force compliance material beyond shift facets moments held".split()
         }
         self.degrees: set[int] = set()
+        self.initial = 0.0  # the largest one
         self.rests: list[Array] = []  # of each part (cells,), and simplices of a cell
         self.simplices: list[int] = []
 
@@ -429,6 +430,7 @@ class Inputs:
             add[key].append(value)
         divided = body.divided(more)
         numbers = np.take_along_axis(body.order, body.local.reshape(cells, -1), axis=1)
+        self.initial = max(self.initial, float(np.abs(body.initial).max()))
         add["corners"].append(numbers.reshape(-1, corners))
         add["stress"].append(divided.stress.reshape(cells * simplices * corners, -1))
         add["force"].append(np.repeat(body.force, simplices, axis=0))
@@ -491,6 +493,11 @@ class Inputs:
             moments=together["moments"].T,
             held=together["held"].T,
         )
+
+    def left(self) -> float:
+        """What is left of initial stresses when parts have grown: rounding is relative to these."""
+        stress = max(float(np.abs(each).max()) for each in self.blocks["stress"])
+        return stress / max(stress, self.initial, 1e-300)
 
     def by_cells(self, energies: Array) -> list[Array]:
         """From those of all simplices: of the cells of each part, with what no stress in balance has."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -26,7 +27,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict
 
 __all__ = ["FREE", "Assembly", "Connection", "Part"]
@@ -37,6 +38,9 @@ FREE = "free"
 """Name of the exterior facets of a part that no other face claims."""
 
 NO_FACETS = np.empty(0, dtype=np.int32)
+
+_ENOUGH = 0.5
+"""Share of what a face is meant to be that whole facets cover: with less it is another one."""
 
 _CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
@@ -119,6 +123,11 @@ class Part(OneProcess):
         ------
         SceneError
             A name that is in use, a face that there is not, or no facet there.
+
+        Warns
+        -----
+        SceneWarning
+            Cells are so large that whole facets cover less than half of it.
         """
         if checked_name("with_face", name, colon=False) in self.names:
             known = ", ".join(self.names)
@@ -127,14 +136,38 @@ class Part(OneProcess):
         checked_callable("with_face", "where", where, "give a function of coordinates (3, n)")
         dim = self.mesh.topology.dim - 1
         facets = np.intersect1d(dmesh.locate_entities_boundary(self.mesh, dim, where), within)
+        there = "of the boundary" if of is None else f"of face {of!r}"
+        meant = self._area(within, where)
         if not facets.size:
-            there = "of the boundary" if of is None else f"of face {of!r}"
             raise SceneError(
-                f"with_face: face {name!r}: no facet {there} has all its corners where the function holds: "
-                "smaller cells, or a larger face"
+                f"with_face: face {name!r}: no facet {there} has all its corners where the function holds "
+                f"(about {meant:.3g} of {self._area(within):.4g} in {within.size} facets): smaller cells, or "
+                "a larger face"
+            )
+        covered = self._area(facets)
+        if covered < _ENOUGH * meant:
+            warn(
+                f"with_face: face {name!r}: facets {there} that have all their corners where the function "
+                f"holds cover {covered:.3g} of about {meant:.3g}: smaller cells, or a mesh with its edge",
+                SceneWarning,
             )
         rest = {each: np.setdiff1d(self.facets(each), facets) for each in self.names if each != FREE}
         return tagged(self.mesh, {**{n: own for n, own in rest.items() if own.size}, name: facets})
+
+    def _area(self, facets: npt.NDArray[np.int32], where: Marker | None = None) -> float:
+        """Area of facets (n > 0,), straight, or about of where a function holds on them."""
+        dim = self.mesh.topology.dim - 1
+        x: Array = np.asarray(self.mesh.geometry.x, dtype=np.float64)
+        corners = x[dmesh.entities_to_geometry(self.mesh, dim, facets)]
+        if corners.shape[1] > dim + 1:
+            corners = np.concatenate([corners[:, :3], corners[:, 1:]])  # in the order of basix
+        edges = corners[:, 1:] - corners[:, :1]
+        size = np.sqrt(np.linalg.det(edges @ np.swapaxes(edges, 1, 2)))
+        kind = (basix.CellType.interval, basix.CellType.triangle)[dim - 1]
+        inside, weights = map(np.asarray, basix.make_quadrature(kind, 8))
+        points = corners[:, :1] + inside @ edges
+        holds = np.ones(points.shape[:2]) if where is None else where(points.reshape(-1, 3).T)
+        return float(size @ (np.reshape(holds, points.shape[:2]) @ weights))
 
     def volume(self) -> float:
         """Volume, or area in two dimensions."""

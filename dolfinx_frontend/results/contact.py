@@ -86,14 +86,16 @@ class BondValues:
         return BondValues(*(v if len(v) == 1 else v[part] for v in (self.stiffness, self.jump)))
 
     def damage(self, force: Array, jump: Array) -> Array:
-        """Share of the stiffness that is lost, (n, T, m), by the fields (n, T, m, components)."""
+        """Share of the stiffness that is lost, (n, T, m), by the fields (n, T, m, components); of a sound
+        bond 0, not its rounding, for which probabilities would take it."""
         sound = self.stiffness * (jump - self.jump)
         tension = np.maximum(sound[..., 0], 0.0)  # contact stays elastic
         carries = np.hypot.reduce([np.maximum(force[..., 0], 0.0), *np.moveaxis(force[..., 1:], -1, 0)])
         would = np.hypot.reduce([tension, *np.moveaxis(sound[..., 1:], -1, 0)])
         loaded = would > NOTHING * would.max(initial=0.0)
         left = np.divide(carries, would, out=np.ones_like(would), where=loaded)
-        return np.asarray(np.maximum.accumulate(np.clip(1.0 - left, 0.0, 1.0), axis=1))
+        lost = np.maximum.accumulate(np.clip(1.0 - left, 0.0, 1.0), axis=1)
+        return np.asarray(np.where(lost > DAMAGED, lost, 0.0))
 
 
 def _by_point(block: Array, points: int, samples: int) -> Array:

@@ -611,9 +611,9 @@ class Face(Shown, ABC):
         if isinstance(function, str) and "." in function:
             name = function if name == "quantity" else name
             joint, _, column = function.rpartition(".")
+            function = column_of(self, function, check_step(self.times, step, "quantity"))
             for text in self.bridged([joint]) if column.startswith("slip") else ():
                 warn(text, SceneWarning, f"{joint} bridged")
-            function = column_of(self, function, check_step(self.times, step, "quantity"))
         number: Callable[..., Any] = checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
         where = f"quantity {name!r}"

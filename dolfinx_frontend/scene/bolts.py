@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dolfinx_frontend.common.checks import checked_number
@@ -25,13 +25,18 @@ class BoltStiffness:
         Force / length.
     bending, torsion
         E I / L and G J / L, force * length. All three may be random.
+    length
+        Clamped, to be compared with how far the faces of a beam are apart; None: it is not.
     """
 
     axial: Any
     bending: Any
     torsion: Any
+    length: float | None = None
 
     def __post_init__(self) -> None:
+        if self.length is not None:
+            checked_number("BoltStiffness", "length", self.length, least=0.0)
         for name, value in (("axial", self.axial), ("bending", self.bending), ("torsion", self.torsion)):
             if not is_uncertain(value):
                 checked_number("BoltStiffness", name, value, above=0.0)
@@ -77,4 +82,4 @@ class BoltStiffness:
         minor = d - 1.22687 * pitch
         end = 0.4 * d if nut else 0.33 * d
         cylinders = [(0.5 * d, d), (shank, d), (thread, minor), (0.5 * d, minor), (end, d)]
-        return cls.of_cylinders(cylinders, E, nu)
+        return replace(cls.of_cylinders(cylinders, E, nu), length=shank + thread)

@@ -681,7 +681,8 @@ class Scene(Shown):
         Each of its deformations is an interface with one point: ``"<name>.axial"`` (tension > 0),
         ``".torsion"``,
         ``".bending1"``, ``".bending2"`` (its ends turn against each other) and ``".shear1"``, ``".shear2"``
-        (they turn together); in 2D axial, bending1 and shear1.
+        (they turn together); in 2D axial, bending1 and shear1. What tables call the normal force of torsion,
+        bending and shear is a moment, of shear the shear force (`force_x`, ...) times the length.
 
         Parameters
         ----------
@@ -719,7 +720,8 @@ class Scene(Shown):
         for way, value in others.items():
             laws[way] = Seated(0.0, until=turns[0][1], stiffness=value) if turns else Elastic(normal=value)
         for way, law in laws.items():
-            self._remote(f"{name}.{way}", faces, law, Remote(points=(None, None), beam=way))
+            remote = Remote(points=(None, None), beam=way, clamped=stiffness.length)
+            self._remote(f"{name}.{way}", faces, law, remote)
 
     # --- loads of parts -------------------------------------------------------------------------
     def _add(

@@ -314,6 +314,8 @@ class Remote:
     beam
         Of a beam between two faces: which of its deformations; forces and moments follow from their
         centroids.
+    clamped
+        Its length as its stiffness has it; None: that does not say.
     """
 
     node: tuple[float, ...] | None = None
@@ -323,6 +325,7 @@ class Remote:
     moments: tuple[tuple[float, ...], ...] = ()
     beam: str = ""
     nearest: bool = False
+    clamped: float | None = None
 
     @property
     def nodes(self) -> tuple[tuple[float, ...], ...]:

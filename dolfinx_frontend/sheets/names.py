@@ -11,6 +11,9 @@ from dolfinx_frontend.common.errors import SceneError, unknown_name
 
 __all__ = ["BOLT", "MARGINS", "SEAL", "Name", "by_pattern", "units_of"]
 
+_LENGTHS, _FORCES = ("m", "cm", "mm", "in", "ft"), ("N", "kN", "MN", "lbf", "kgf")
+"""Of which one in the other's place is an error."""
+
 
 class Name(NamedTuple):
     """One kind of number.
@@ -97,6 +100,8 @@ def units_of(units: Any) -> dict[str, str]:
     if not named or not all(isinstance(u, str) and u.strip() for u in units):
         raise SceneError(f"report: units = {units!r}; give those of length and force, as ('mm', 'N')")
     length, force = (u.strip() for u in units)
+    if force in _LENGTHS or length in _FORCES:
+        raise SceneError(f"report: units = {units!r}: length comes first, then force, as ('mm', 'N')")
     known = {("mm", "N"): "MPa", ("m", "N"): "Pa", ("m", "kN"): "kPa", ("m", "MN"): "MPa"}
     stress = known.get((length, force), f"{force}/{length}²")
     return {"force": force, "stress": stress, "length": length, "": ""}

@@ -24,6 +24,7 @@ from dolfinx_frontend.common.checks import check_known, checked_number, checked_
 from dolfinx_frontend.common.deferred import sp, spatial
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
+from dolfinx_frontend.common.progress import Lines
 from dolfinx_frontend.common.statuses import INEXACT
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.fitting import solver_of, walked
@@ -257,12 +258,13 @@ def sample_on(
         ranks.check_same(header)
 
     inexact: list[float] = []
+    lines = Lines(_log, problem.rank)
 
     def done(point: int, summary: Any) -> None:
         if summary.status == INEXACT:
             inexact.append(summary.error)
         elif told != "none":
-            warn_unconverged("sample", point, summary, solver, plan.options.rtol)
+            warn_unconverged("sample", point, summary, solver, plan.options.rtol, lines)
         step(summary.iterations)
 
     began = perf_counter()
@@ -282,6 +284,7 @@ def sample_on(
             start=start,
             ranks=ranks,
         )
+    lines.rest()
     report_points("sampling", interrupt, swept, file)
     if inexact and told == "all" and problem.rank == 0:
         worst = ended(INEXACT, max(inexact), "", plan.options.rtol)

@@ -44,6 +44,7 @@ from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motion
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.deferred import optimize
 from dolfinx_frontend.common.errors import BalanceError, SceneError, SceneWarning, warn
+from dolfinx_frontend.common.progress import Lines
 from dolfinx_frontend.common.statuses import NO_EQUILIBRIUM, SLIDES, UNDECIDED, UNDETERMINED
 from dolfinx_frontend.plan.prescribed import check_prescribed, moments_of, spanning
 from dolfinx_frontend.results.accuracy import stronger
@@ -712,11 +713,12 @@ def named_without_equilibrium(
     if known:
         lost |= _unbalanced(answer, at if acting else None)
     status = np.array(points.status, dtype="<U16")
+    lines = Lines(_log, answer.problem.rank)
     for k, why in sorted({**lost, **_free_points(parameters, at)}.items()):
         if answer.reached[k]:
             status[k] = NO_EQUILIBRIUM if k in lost else _of_free(at(k), answer.plan.times)
-            if answer.problem.rank == 0:
-                _log.warning("%s %d: %s", what, k, why)
+            lines.add(f"{what}s that nothing balances or holds", f"{what} {k}: {why}")
+    lines.rest()
     return replace(points, status=status)
 
 

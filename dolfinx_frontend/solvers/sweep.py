@@ -31,6 +31,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen, read_only
+from dolfinx_frontend.common.progress import Lines
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.fitting import solver_of, walked
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
@@ -290,10 +291,12 @@ def sweep(
     started = perf_counter()
     first = 0.0
 
+    lines = Lines(_log, problem.rank)
+
     def point_done(point: int, summary: Any) -> None:
         nonlocal first
         first = first or perf_counter() - started
-        warn_unconverged("sweep point", point, summary, solver, solver.plan.options.rtol)
+        warn_unconverged("sweep point", point, summary, solver, solver.plan.options.rtol, lines)
         step(summary.iterations)
 
     shown = points_shown("sweep", len(order), progress, problem, ranks)
@@ -313,6 +316,7 @@ def sweep(
             outputs=readings,
             ranks=ranks,
         )
+    lines.rest()
     report_points("sweep", interrupt, points, file)
     if ranks is not None:
         ranks.close()
@@ -467,13 +471,13 @@ def _through_time(
     return np.kron(np.reshape(factors, (-1, 1)), pattern), len(factors)
 
 
-def warn_unconverged(what: str, point: int, summary: Summary, solver: Solver, rtol: float) -> None:
+def warn_unconverged(
+    what: str, point: int, summary: Summary, solver: Solver, rtol: float, lines: Lines
+) -> None:
     """Log a point that did not reach the tolerance `rtol`; collective."""
     if summary.status != "converged":
-        plan = solver.plan
-        accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
+        accuracy = accuracy_of_run(summary, solver.plan, solver.bodies, solver.problem.comm)
         place = "" if accuracy is None else accuracy.place
         laws = [each.law for each in solver.problem.interfaces.values()]
         text = ended(summary.status, summary.error, place, rtol, summary.iterations, laws)
-        if solver.problem.rank == 0:
-            _log.warning("%s %d ended as %s", what, point, text)
+        lines.add(f"{what}s that ended as {summary.status}", f"{what} {point} ended as {text}")

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import gmsh
 import numpy as np
@@ -12,7 +13,7 @@ from dolfinx import mesh as dmesh
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.geometry.parts import FREE, Part
 from parts.blocks import block_chain
 from parts.rings import annulus, two_rings
@@ -461,3 +462,18 @@ def test_a_face_is_cut_out_of_another_one() -> None:
     ):
         with pytest.raises(SceneError, match=text):
             plate.with_face(name, where, of)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_face_that_cells_do_not_show_is_told(cell: str) -> None:
+    """A head of radius 9 on cells of 5 mm is a square of 10: 100 instead of 254."""
+
+    def head(x: Any) -> Any:
+        return np.hypot(x[0] - 20, x[1] - 15) < 9
+
+    with pytest.warns(SceneWarning, match="face 'head': .* cover 100 of about 25[0-9]: smaller cells"):
+        geometry.box((40.0, 30.0, 5.0), (8, 6, 1), cell=cell).with_face("head", head, of="z1")
+    fine = geometry.box((40.0, 30.0, 5.0), (40, 30, 1), cell=cell).with_face("head", head, of="z1")
+    assert 0.8 < fine.face_area("head") / (np.pi * 81.0) < 1.0
+    with pytest.raises(SceneError, match=r"no facet of face 'z1' .* \(about 2[0-9]{2} of 1200 in "):
+        geometry.box((40.0, 30.0, 5.0), (1, 1, 1), cell=cell).with_face("head", head, of="z1")

@@ -45,6 +45,8 @@ def test_bolts_that_carry_shear_are_named_with_their_share() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         result.quantity("joint.shear")
+        with pytest.raises(lf.SceneError, match="unknown interface 'joynt'; did you mean 'joint'"):
+            result.quantity("joynt.slip")
 
 
 def test_of_samples_it_is_that_of_the_one_that_moves_most() -> None:

@@ -724,6 +724,15 @@ def test_damage_of_samples_is_that_of_their_own_bond() -> None:
     assert "damage" in str(samples.table("joint"))
 
 
+def test_a_sound_bond_has_no_damage() -> None:
+    """Not even rounding: P(damage > 0) is that of what is pulled beyond its strength."""
+    strength = lf.Uniform("s", 8.0, 12.0)
+    samples = lf.quasi_monte_carlo(torn(strength, pull=9.0), 16, times=[0.5, 1.0], progress=False)
+    broken = 10.0 + 2.0 * samples.germs[:, 0] < 9.0
+    found = samples.quantity("joint.damage").values
+    assert np.array_equal(found > 0.0, broken) and 0 < broken.sum() < 16
+
+
 def test_a_bond_that_is_torn_off_is_told_to_be_stronger() -> None:
     """No preload and no friction is there to be raised."""
     result = solve(torn(10.0, pull=15.0), times=[0.5, 1.0], progress=False)

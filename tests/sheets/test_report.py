@@ -261,6 +261,7 @@ def test_messages(tmp_path: Path) -> None:
     refused(lambda: lf.report(result, friction=-0.1), "friction", "-0.1", "a finite number >= 0")
     refused(lambda: lf.report(result, stress_area={"bolt": 0.0}), "stress_area", "positive")
     refused(lambda: lf.report(result, units="mm"), "units", "('mm', 'N')")
+    refused(lambda: lf.report(result, units=("N", "mm")), "length comes first", "('mm', 'N')")
     refused(lambda: lf.report(result, quantiles=[2.0]), "quantile")
     refused(lambda: lf.report(result, errors=3), "errors", "True, False")
     refused(lambda: lf.report(result, renderer="vtl"), "renderer", "'vtl'")  # type: ignore[arg-type]
@@ -378,7 +379,8 @@ def test_heat_has_no_load_factor() -> None:
         scene.substructure(name, block, lf.LinearElastic(200e3, 0.0, alpha=12e-6), degree=1)
     scene.interface("joint", "base:z1", "cover:z0", lf.Contact(friction=0.2))
     stiffness = lf.BoltStiffness(axial=4e5, bending=1e6, torsion=1e6)
-    scene.beam("bolt", "base:z0", "cover:z1", stiffness, lf.Preload(2e4, until=1.0))
+    cold = lf.Preload(2e4, until=1.0, shortening=0.0)
+    scene.beam("bolt", "base:z0", "cover:z1", stiffness, cold)
     scene.fix("base:z0", components=2)
     scene.symmetry(["base:x0", "base:y0", "cover:x0", "cover:y0"])
     for part in ("base", "cover"):

@@ -217,8 +217,12 @@ def test_points_that_do_not_converge_are_told(problem, caplog):
     options = Options(rtol=1e-12, max_iterations=2, criterion="indicator")
     with caplog.at_level("WARNING"):
         result = sweep(problem, {"layer.normal": [10.0, 20.0]}, options=options, progress=False)
-    assert not result.converged.any()
-    assert "sweep point 0 ended as max_iterations after 2 iterations" in caplog.text
+        assert not result.converged.any()
+        assert "sweep point 0 ended as max_iterations after 2 iterations" in caplog.text
+        caplog.clear()
+        sweep(problem, {"layer.normal": np.linspace(10.0, 20.0, 7)}, options=options, progress=False)
+    *few, last = [record.getMessage() for record in caplog.records]
+    assert len(few) == 3 and last == "and 4 more sweep points that ended as max_iterations"
 
 
 def test_the_status_is_that_of_the_worst_point(whole):

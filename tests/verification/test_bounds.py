@@ -199,6 +199,24 @@ def test_loads_on_faces_and_temperature() -> None:
     assert not bent.strict and any("polynomial" in note for note in bent.notes)
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("pull", [0.0, 12.0])
+@pytest.mark.parametrize(("dim", "cell"), [(2, "quadrilateral"), (3, "tetrahedron"), (3, "hexahedron")])
+def test_what_grows_freely_has_no_error(dim: int, cell: str, pull: float, degree: int) -> None:
+    """Uniform heat beside symmetries, and a pull: every mesh has the answer (kN, cm)."""
+    scene = lf.Scene()
+    size, cells = (60.0, 5.0, 4.0)[:dim], (3, 2, 2)[:dim]
+    steel = lf.LinearElastic(E=21e3, nu=0.3, alpha=12e-6)
+    scene.substructure("bar", lf.geometry.box(size, cells, cell=cell), steel, degree=degree)
+    scene.symmetry([f"bar:{axis}0" for axis in "xyz"[:dim]])
+    scene.temperature("bar", 30.0)
+    if pull:
+        scene.traction("bar:x1", (pull, 0.0, 0.0)[:dim])
+    bound = lf.solve(lf.assemble(scene)).errors(kind="bound")
+    assert bound.strict, bound.notes
+    assert bound.relative < ROUNDING
+
+
 def test_finer_meshes_have_smaller_bounds() -> None:
     found = [lf.solve(bar(2, 1, lf.Contact(), k)).errors(kind="bound").relative for k in (2, 4, 8)]
     # of order 1: the weight is balanced in the mean of a cell only

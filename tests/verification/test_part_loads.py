@@ -701,6 +701,84 @@ def test_a_preloaded_beam_clamps_a_joint() -> None:
     assert result.force("bolt.axial")[:, 0, 0] == pytest.approx([1e4, 1e4 + shared], rel=1e-6)
 
 
+def heated(**bolt: Any) -> lf.Result:
+    """Two blocks that a bolt clamps with 10 kN, then 50 K warmer."""
+    scene, warm = lf.Scene(), lf.Amplitude([1, 2], [0, 1])
+    for number, part in enumerate("ab"):
+        block = geometry.box((10, 10, 10), (1, 1, 1), origin=(0, 0, 10 * number), cell="hexahedron")
+        scene.substructure(part, block, lf.LinearElastic(E, 0.0, alpha=1e-5), degree=1)
+        scene.symmetry([f"{part}:x0", f"{part}:y0"])
+        scene.temperature(part, warm * 50.0)
+    scene.fix("a:z0", components=2)
+    scene.interface("joint", "a:z1", "b:z0", lf.Contact())
+    scene.beam("bolt", "a:z0", "b:z1", lf.BoltStiffness(5e5, 1.0, 1.0), lf.Preload(1e4, until=1, **bolt))
+    return lf.solve(lf.assemble(scene), times=[1, 2], options=Options(rtol=1e-9))
+
+
+def test_a_bolt_stays_cold_and_says_so() -> None:
+    """It takes what the blocks grow by, in series with them; one that grows as they do keeps its force."""
+    with pytest.warns(lf.SceneWarning, match="beam 'bolt': .* no temperature .*shortening=-alpha"):
+        cold = heated().force("bolt.axial")[:, 0, 0]
+    grows = 1e-5 * 50.0 * 20.0
+    assert cold == pytest.approx([1e4, 1e4 + grows / (1 / 5e5 + 20.0 / (E * 100.0))], rel=1e-6)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warm = heated(shortening=lf.Amplitude([1, 2], [0, 1]) * -grows).force("bolt.axial")[:, 0, 0]
+    assert warm == pytest.approx([1e4, 1e4], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("tightened", "said"),
+    [
+        ({"force": 1.2e5}, r"to 1.2e\+05 the bolt is 0.012 of its length 20 longer, more than 1%"),
+        ({"torque": 40.0}, r"is the torque in N m, with a mesh in mm\? Then it is 1000 times as large"),
+        ({"torque": 40e3}, ""),
+    ],
+)
+def test_a_preload_that_no_bolt_has_is_told(tightened: dict[str, float], said: str) -> None:
+    thread = {"mu_thread": 0.12, "mu_head": 0.12, "d": 10.0, "pitch": 1.5} if "torque" in tightened else {}
+    scene = lf.Scene()
+    for number, part in enumerate("ab"):
+        block = geometry.box((10, 10, 10), (1, 1, 1), origin=(0, 0, 10 * number), cell="hexahedron")
+        scene.substructure(part, block, lf.LinearElastic(E, 0.0), degree=1)
+    scene.fix(["a:z0", "b:z1"])
+    bolt = lf.BoltStiffness(5e5, 1.0, 1.0)
+    scene.beam("bolt", "a:z0", "b:z1", bolt, lf.Preload(**tightened, **thread))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        lf.assemble(scene)
+    assert len(caught) == bool(said) and (not said or re.search(said, str(caught[0].message)))
+
+
+@pytest.mark.parametrize(
+    ("thread", "said"), [(15.0, ""), (35.0, "clamps 45.5, its faces are 20 apart"), (0.0, "")]
+)
+def test_a_bolt_of_another_length_is_told(thread: float, said: str) -> None:
+    scene = lf.Scene()
+    for number, part in enumerate("ab"):
+        block = geometry.box((10, 10, 10), (1, 1, 1), origin=(0, 0, 10 * number), cell="hexahedron")
+        scene.substructure(part, block, lf.LinearElastic(E, 0.0), degree=1)
+    scene.fix(["a:z0", "b:z1"])
+    bolt = lf.BoltStiffness.vdi2230(d=8.0, pitch=1.25, shank=10.5, thread=thread, E=E)
+    scene.beam("bolt", "a:z0", "b:z1", bolt)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        lf.assemble(scene)
+    assert len(caught) == bool(said) and all(said in str(each.message) for each in caught)
+
+
+def test_a_bolt_that_is_not_square_to_a_face_is_told() -> None:
+    """From (5, 5, 0) to (10, 5, 15)."""
+    scene = lf.Scene()
+    for number, part in enumerate("ab"):
+        block = geometry.box((10, 10, 10), (1, 1, 1), origin=(0, 0, 10 * number), cell="hexahedron")
+        scene.substructure(part, block, lf.LinearElastic(E, 0.0), degree=1)
+    scene.fix(["a:z0", "b:z1"])
+    scene.beam("bolt", "a:z0", "b:x1", lf.BoltStiffness(5e5, 1.0, 1.0), lf.Preload(1e4))
+    with pytest.warns(lf.SceneWarning, match="'bolt.axial': the bolt is 72 degrees off the normal of 'b:x1'"):
+        lf.assemble(scene)
+
+
 # --- axisymmetric parts ----------------------------------------------------------------------------
 def lame(a: float, b: float, inside: float, outside: float, r: Any) -> tuple[Any, Any, Any]:
     """Radial and hoop stress and displacement of a thick cylinder in plane strain."""

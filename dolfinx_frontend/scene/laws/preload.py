@@ -29,7 +29,8 @@ class Preload(Law):
     In the time steps up to `until` the normal force is the given one; afterwards the normal jump of every
     point stays what it was, and the force follows from the structure. Without `until` the force is
     given throughout. With `during` it is given in some intervals only, as where bolts are tightened one after
-    another, and again: before the first one the section carries nothing along its normal.
+    another, and again: before the first one the section carries nothing along its normal. On one face it
+    pulls this along its outward normal, as on the cut shank of half a bolt: not on the face under a nut.
 
     It is tightened by a force, by a torque, which is a force by the friction of thread and head (VDI 2230,
     F = M / (P / 2 pi + mu_thread d2 / (2 cos 30) + mu_head D / 2) with d2 = d - 0.6495 P), or by a
@@ -181,6 +182,13 @@ class Preload(Law):
                 "(LogNormal, Gamma) or a smaller spread"
             )
         return np.asarray(torque / lever, dtype=np.float64)
+
+    def given_force(self) -> float | None:
+        """Force to which it is tightened, random values at their means; None: by a length, or in time."""
+        if self.torque is not None:
+            return float(self._force_of({}))
+        known = is_real(self.force) or isinstance(self.force, Parameter)
+        return self._nominal("force") if known else None
 
     def _slack_of(self, values: Mapping[str, Array]) -> Array:
         """Length (N,) that the section gains after tightening."""
