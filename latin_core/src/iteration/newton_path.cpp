@@ -108,9 +108,15 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
   double least = 0.0;
   double peak = 0.0;
   for (Index part = 0; part < most_parts && goes_on && course.load != 1.0; ++part) {
-    if (!at_strength(column)) {
+    // bonds that were at their strength may be unloaded by this step: what damages none comes first
+    const bool strong = at_strength(course, column);
+    if (!strong || part == 0) {
       goes_on = go_elastic(course, column, tolerance, steps);
-      continue;
+      if (goes_on || !strong) {
+        continue;
+      }
+      goes_on = !stopped_;
+      torn_ = false;
     }
     if (energy_ == 0.0) {
       energy_ = system_.follow_first(
@@ -139,15 +145,24 @@ bool Newton::follow(const State& state, Column& column, double tolerance, Index&
   return course.load == 1.0 && (!damaged || attempt(column, tolerance, {}, steps));
 }
 
-/// Free jumps if bonds open a little more.
-Vector Newton::opened_on(const Column& column) const {
-  return column.jump + onwards * softening_.cwiseSign().cwiseProduct(opening(column));
+/// Free jumps if bonds open a little more, but for those that the course closes.
+Vector Newton::opened_on(const Course& course, const Column& column) const {
+  const Vector jump = opening(column);
+  Vector more = onwards * softening_.cwiseSign().cwiseProduct(jump);
+  for (Index row = 0; row < more.size() && course.opens.size() > 0; ++row) {
+    const auto point = static_cast<std::size_t>(row);
+    const auto at = Eigen::seqN(system_.layout().first[point], system_.layout().components[point]);
+    if (jump(at).dot(course.opens(at)) < 0.0) {
+      more(row) = -more(row);
+    }
+  }
+  return column.jump + more;
 }
 
 /// Whether that damages any.
-bool Newton::at_strength(const Column& column) const {
+bool Newton::at_strength(const Course& course, const Column& column) const {
   JoinedSystem::Memory memory = memory_;
-  system_.advance(column.index, memory, opened_on(column), own_);
+  system_.advance(column.index, memory, opened_on(course, column), own_);
   return system_.damages(memory_, memory);
 }
 
@@ -210,6 +225,7 @@ double Newton::advance(Course& course, Column& column, double tolerance, Index& 
     return smaller_by;
   }
   course = on;
+  course.opens = opening(next) - opening(column);
   column = next;
   memory_ = after(column);
   return damaged > 0.0 ? std::min(largest_growth, 1.0 / damaged) : largest_growth;
@@ -265,6 +281,7 @@ bool Newton::go_elastic(Course& course, Column& column, double tolerance, Index&
   }
   ++steps;
   const Vector change = skeleton_->moved(dy, dm);
+  course.opens = change + left * course.jump - own_.cwiseProduct(dy);
   const auto at = [&](double share) {
     Column there = column;
     Course on = course;
@@ -322,7 +339,7 @@ bool Newton::dissipate(Course& course, Column& column, double amount, double tol
     return 0.5 * (force.dot(counts.cwiseProduct(moved)) - jump.dot(counts.cwiseProduct(y)));
   };
   const double size = std::max(scale_, skeleton_->size_of(column.force()));
-  Matrix tangent = system_.slopes(column.index, memory_, opened_on(column), own_);
+  Matrix tangent = system_.slopes(column.index, memory_, opened_on(course, column), own_);
   skeleton_->exactly(true);
   for (Index count = 0; count < most_corrections; ++count) {
     counts = tension(column).cwiseSign();

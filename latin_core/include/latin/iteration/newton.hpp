@@ -106,6 +106,7 @@ class Newton {
     Vector jump;
     Vector before;  ///< amplitudes of the step before, and their change
     Vector change;
+    Vector opens{};     ///< change of the jumps on the way so far; empty: there is none
     double load = 0.0;  ///< reached so far: 0 to 1
     /// Change of it with what an increment dissipates, at its beginning and its end.
     double rate_at_first = 0.0;
@@ -123,8 +124,8 @@ class Newton {
   [[nodiscard]] Vector opening(const Column& column) const {
     return column.jump - own_.cwiseProduct(column.force());
   }
-  [[nodiscard]] Vector opened_on(const Column& column) const;
-  [[nodiscard]] bool at_strength(const Column& column) const;
+  [[nodiscard]] Vector opened_on(const Course& course, const Column& column) const;
+  [[nodiscard]] bool at_strength(const Course& course, const Column& column) const;
   [[nodiscard]] double damage(const Column& from, const Column& to) const;
   /// Without damage, as far as that goes.
   [[nodiscard]] bool go_elastic(Course& course, Column& column, double tolerance, Index& steps);
