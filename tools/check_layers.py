@@ -5,11 +5,11 @@ C++ kernel: every layer may use those left of it and itself, all may use ``commo
 
     algebra | interface | stochastic | mortar | equilibration | substructure | iteration | study
 
-headers above the folders belong to ``study``; the bindings may use all, and nothing in the kernel names dolfinx. Python: ``latin_core`` imports
-neither dolfinx nor the frontend. In ``dolfinx_frontend`` every module stands in the table `FRONTEND` and
-imports only what stands before it: sub-packages in the order of the table, modules in the order of their
-sub-package. Imports inside functions and for type checkers count as well. Only ``kernel/bridge.py`` imports
-the compiled module.
+headers above the folders belong to ``study``; the bindings may use all, and nothing in the kernel names
+dolfinx. Python: ``latin_core`` imports neither dolfinx nor the frontend. In ``dolfinx_frontend`` every
+module stands in the table `FRONTEND` and imports only what stands before it: sub-packages in the order of
+the table, modules in the order of their sub-package. Imports inside functions and for type checkers count as
+well. Only ``kernel/bridge.py`` imports the compiled module.
 
 Usage: ``check_layers.py [ROOT]``. Prints ``file:line: offence`` and exits with 1 if there is any.
 """
@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-LAYERS = ("algebra", "interface", "stochastic", "mortar", "equilibration", "substructure", "iteration", "study")
+LAYERS = tuple("algebra interface stochastic mortar equilibration substructure iteration study".split())
 COMMON = "common"
 FRONTEND: dict[str, tuple[str, ...]] = {
     "common": (
