@@ -183,10 +183,12 @@ TEST(Study, a_sweep_hands_out_every_point_and_goes_on_from_those_that_are_known)
   found.erase(2);
   options.solved = found;
   std::vector<Index> again;
-  study.sweep(latin::grid({gaps}), options, [&](Index point, const Solution& solution) {
-    again.push_back(point);
-    EXPECT_NEAR(-solution.force("contact")(0), pressed(0.2), 1e-11);
-  });
+  const Status ended =
+      study.sweep(latin::grid({gaps}), options, [&](Index point, const Solution& solution) {
+        again.push_back(point);
+        EXPECT_NEAR(-solution.force("contact")(0), pressed(0.2), 1e-11);
+      });
+  EXPECT_EQ(ended, Status::converged);
   EXPECT_EQ(again, std::vector<Index>{2});
   options.solved.clear();
   Index called = 0;
@@ -206,11 +208,12 @@ TEST(Study, displacements_of_a_sweep_are_those_under_the_loads_of_the_point) {
                              {0, 1, 2}};
   latin::SweepOptions options;
   options.rtol = 1e-11;
-  study.sweep(points, options, [](Index point, const Solution& solution) {
+  const Status ended = study.sweep(points, options, [](Index point, const Solution& solution) {
     const double moved = static_cast<double>(point) * bar_push / wall_spring;
     EXPECT_NEAR(solution.displacement("left")(0, 0), moved, 1e-10);
     EXPECT_NEAR(solution.jump("contact")(0), -bar_push / wall_spring - moved, 1e-10);
   });
+  EXPECT_EQ(ended, Status::converged);
 }
 
 TEST(Study, a_grid_numbers_its_points_with_the_last_axis_fastest) {

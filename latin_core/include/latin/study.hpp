@@ -33,6 +33,7 @@ using substructure::OperatorOptions;
 using substructure::SideDescription;
 using substructure::Spring;
 
+// NOLINTBEGIN(readability-redundant-member-init): what callers may leave out
 /// Settings of the iteration, and what a run starts from and reports to.
 struct SolveOptions : iteration::Options {
   State start{};        ///< of a solution with as many columns; empty: from zero
@@ -44,6 +45,7 @@ struct SweepOptions : iteration::Options {
   std::map<Index, State> solved{};  ///< points that are left out, and that others start from
   Callback callback{};
 };
+// NOLINTEND(readability-redundant-member-init)
 
 /// Called after each finished point; throws Interrupted to end the sweep.
 using PointCallback = std::function<void(Index point, const Solution&)>;
@@ -85,7 +87,8 @@ class Study {
   /// Solve for many parameter sets, each started from its solved neighbours.
   /// @return converged if it went through, else how it was ended; points that are finished by then are handed out
   /// @throws InputError on shapes, names and positions that do not fit
-  Status sweep(const Points& points, const SweepOptions& options, const PointCallback& each) const;
+  [[nodiscard]] Status sweep(const Points& points, const SweepOptions& options,
+                             const PointCallback& each) const;
 
   /// Names of the interfaces of this rank; one between two ranks is on both.
   [[nodiscard]] std::vector<std::string> interfaces() const;

@@ -25,9 +25,11 @@ struct Solution::Implementation {
   State state;
   Summary summary;
   std::vector<Status> statuses;  ///< of the steps
+  // NOLINTBEGIN(readability-redundant-member-init): made without them
   /// Force and jump by interface, and what they are made with when first asked for.
   mutable std::optional<substructure::LocalStage> stage{};
   mutable std::map<std::size_t, std::pair<Field, Field>> fields{};
+  // NOLINTEND(readability-redundant-member-init)
 };
 
 }  // namespace latin
