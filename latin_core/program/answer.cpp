@@ -5,9 +5,7 @@
 #include <limits>
 
 #include "latin/common/error.hpp"
-#include "latin/iteration/solver.hpp"
-#include "latin/substructure/global_stage.hpp"
-#include "latin/substructure/local_stage.hpp"
+#include "latin/study.hpp"
 
 // The file of the answer.
 //
@@ -31,13 +29,6 @@
 
 namespace latin::program {
 namespace {
-
-using iteration::State;
-using iteration::Status;
-using iteration::Summary;
-using substructure::LocalFields;
-using substructure::LocalStage;
-using substructure::Structure;
 
 /// Fields of all ranks on rank 0, by name; each is on one rank.
 class Gathered {
@@ -86,11 +77,6 @@ class Gathered {
   const Communicator& communicator_;
   std::vector<Field> fields_;
 };
-
-/// One rank has the first side of an interface: it speaks for it.
-bool speaks_for(const Structure& structure, std::size_t interface) {
-  return structure.interface(interface).rows.front() >= 0;
-}
 
 std::vector<double> by_rows(ConstMatrixRef block) {
   std::vector<double> values;
@@ -147,26 +133,23 @@ class Answer {
   Writer writer_;
 };
 
-/// Force and jump of every interface that this rank speaks for. Collective.
-std::vector<Gathered::Field> interface_fields(const substructure::Laws& laws, const State& state) {
+/// Force and jump of every interface of which this rank has the first side: it speaks for it. Collective.
+std::vector<Gathered::Field> interface_fields(const Study& study, const Solution& solution) {
   std::vector<Gathered::Field> found;
-  LocalStage stage(laws, state.data.cols());
-  for (std::size_t i = 0; i < laws.structure().interfaces().size(); ++i) {
-    const LocalFields fields = stage.fields(i, state.data, state.traces);
-    if (speaks_for(laws.structure(), i)) {
-      const std::string& name = laws.structure().interface(i).name();
-      found.push_back(whole(name + "\nforce", fields.force));
-      found.push_back(whole(name + "\njump", fields.jump));
+  for (const std::string& name : study.interfaces()) {
+    const Matrix& force = solution.force(name).values();
+    if (study.has_first_side(name)) {
+      found.push_back(whole(name + "\nforce", force));
+      found.push_back(whole(name + "\njump", solution.jump(name).values()));
     }
   }
   return found;
 }
 
 /// Displacements of the parts of this rank.
-std::vector<Gathered::Field> part_fields(const substructure::Laws& laws, const State& state,
-                                         const Matrix& amplitudes) {
+std::vector<Gathered::Field> part_fields(const Solution& solution) {
   std::vector<Gathered::Field> found;
-  for (const auto& [name, values] : substructure::displacements(laws, state.data, amplitudes)) {
+  for (const auto& [name, values] : solution.displacements()) {
     found.push_back(whole(name + "\ndisplacement", values));
   }
   return found;
@@ -177,7 +160,7 @@ double known(double error) {
 }
 
 /// What a sweep leaves on this rank.
-struct Points {
+struct Found {
   std::vector<std::string> status;
   std::vector<Index> iterations;
   std::vector<double> error;
@@ -186,11 +169,11 @@ struct Points {
       parts;  ///< of parts, if they are wanted, (points, columns, unknowns)
   Outcome outcome;
 
-  explicit Points(const SweepRequest& request)
-      : status(static_cast<std::size_t>(request.points)),
-        iterations(static_cast<std::size_t>(request.points), -1),
-        error(static_cast<std::size_t>(request.points), std::numeric_limits<double>::quiet_NaN()),
-        outcome{Status::converged, 0, 0.0, request.points} {}
+  explicit Found(Index points)
+      : status(static_cast<std::size_t>(points)),
+        iterations(static_cast<std::size_t>(points), -1),
+        error(static_cast<std::size_t>(points), std::numeric_limits<double>::quiet_NaN()),
+        outcome{Status::converged, 0, 0.0, points} {}
 
   void add(Index point, const Summary& summary, const std::vector<Gathered::Field>& of_interfaces,
            const std::vector<Gathered::Field>& of_parts) {
@@ -249,19 +232,17 @@ struct Points {
 
 Outcome solve_once(const Folder& folder, const std::filesystem::path& target, double max_seconds,
                    const iteration::Callback& watch) {
-  const substructure::Laws laws = folder.named([&] { return folder.laws(); });
-  const Matrix amplitudes = folder.amplitudes();
-  iteration::Options options = folder.named([&] { return folder.options(); });
+  const Study study = folder.named([&] { return folder.study(); });
+  SolveOptions options{folder.named([&] { return folder.options(); }), {}, watch};
   options.max_seconds = std::min(options.max_seconds, max_seconds);
-  State state;
-  const Summary summary =
-      folder.named([&] { return iteration::solve(laws, options, amplitudes, state, {}, watch); });
+  const Solution solution = folder.named([&] { return study.solve(options); });
+  const Summary& summary = solution.summary();
 
   const Communicator& communicator = folder.communicator();
   Gathered interfaces(communicator);
-  interfaces.add(interface_fields(laws, state));
+  interfaces.add(interface_fields(study, solution));
   Gathered parts(communicator);
-  parts.add(part_fields(laws, state, amplitudes));
+  parts.add(part_fields(solution));
   Gathered errors(communicator);
   errors.add({whole("errors", summary.errors)});
 
@@ -294,43 +275,36 @@ Outcome solve_once(const Folder& folder, const std::filesystem::path& target, do
 Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
                     const std::filesystem::path& target, bool displacements, double max_seconds,
                     const iteration::Callback& watch) {
-  const substructure::Laws laws = folder.named([&] { return folder.laws(); });
-  const Matrix amplitudes = folder.amplitudes();
-  iteration::Options options = folder.named([&] { return folder.options(); });
+  const Study study = folder.named([&] { return folder.study(); });
+  SweepOptions options{folder.named([&] { return folder.options(); }), {}, watch};
   options.max_seconds = std::min(options.max_seconds, max_seconds);
-  Points points(request);
-  iteration::Beginning beginning;  // as Python has one: the same digits
-  Status ended = Status::converged;
-  folder.named([&] {
-    ended = iteration::sweep(
-        laws, options, amplitudes, request.parameters, request.order, {}, {}, watch,
-        [&](Index point, const substructure::Laws& of_point, const Summary& summary,
-            const State& state) {
-          std::vector<Gathered::Field> of_parts;
-          if (displacements) {
-            of_parts = part_fields(of_point, state, amplitudes);
-          }
-          points.add(point, summary, interface_fields(of_point, state), of_parts);
-        },
-        {}, &beginning);
+  Found found(request.count);
+  const Status ended = folder.named([&] {
+    return study.sweep(request.points, options, [&](Index point, const Solution& solution) {
+      std::vector<Gathered::Field> of_parts;
+      if (displacements) {
+        of_parts = part_fields(solution);
+      }
+      found.add(point, solution.summary(), interface_fields(study, solution), of_parts);
+    });
   });
-  points.leave(request.order, ended);
+  found.leave(request.points.order, ended);
 
   const Communicator& communicator = folder.communicator();
   Gathered interfaces(communicator);
-  interfaces.add(points.fields);
+  interfaces.add(found.fields);
   Gathered parts(communicator);
-  parts.add(points.parts);
+  parts.add(found.parts);
   communicator.together([&] {
     if (communicator.rank() != 0) {
       return;
     }
     Answer answer(folder, target);
-    answer.outcome(points.outcome);
+    answer.outcome(found.outcome);
     Writer& writer = answer.writer();
-    writer.texts("run/points", "status", points.status);
-    writer.integers("run/points", "iterations", points.iterations);
-    writer.numbers("run/points", "error", {request.points}, points.error);
+    writer.texts("run/points", "status", found.status);
+    writer.integers("run/points", "iterations", found.iterations);
+    writer.numbers("run/points", "error", {request.count}, found.error);
     std::vector<std::string> names;
     for (const auto& [name, values] : request.axes) {
       writer.numbers("run/axes/" + std::to_string(names.size()), "values",
@@ -344,7 +318,7 @@ Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
     answer.fields("run/parts", parts.fields());
     writer.finish();
   });
-  return points.outcome;
+  return found.outcome;
 }
 
 }  // namespace latin::program

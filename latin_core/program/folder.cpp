@@ -14,6 +14,7 @@
 
 #include "latin/common/error.hpp"
 #include "latin/interface/interface.hpp"
+#include "latin/study/implementation.hpp"
 #include "sha256.hpp"
 
 // The folder of an exported problem.
@@ -91,7 +92,6 @@
 namespace latin::program {
 namespace {
 
-constexpr Index most_points = 10'000'000;       ///< of a grid: some GB
 constexpr std::int32_t petsc_matrix = 1211216;  ///< what a file of a matrix begins with
 
 /// Numbers of a file, which has the most significant byte first.
@@ -346,7 +346,7 @@ substructure::InterfaceDescription Folder::interface(const Node& node) const {
           node.integer("paired") != 0};
 }
 
-substructure::Laws Folder::laws() const {
+Study Folder::study() const {
   std::vector<substructure::BodyDescription> bodies;
   std::vector<substructure::InterfaceDescription> interfaces;
   substructure::OperatorOptions options;
@@ -386,7 +386,7 @@ substructure::Laws Folder::laws() const {
       std::move(bodies), std::move(interfaces), options, communicator_);
   substructure::Laws laws(structure);
   communicator_.together([&] { laws = with_values(std::move(laws)); });
-  return laws;
+  return Study(std::make_shared<const Study::Implementation>(laws, amplitudes()));
 }
 
 substructure::Laws Folder::with_values(substructure::Laws laws) const {
@@ -487,17 +487,18 @@ SweepRequest Folder::sweep() const {
   SweepRequest request;
   communicator_.together([&] {
     const Node node = root_.group("sweep");
-    request.order = node.integers("order");
+    request.points.order = node.integers("order");
     for (const Node& each : node.list("parameters")) {
-      request.parameters.push_back({each.text("interface"), each.text("parameter"),
-                                    each.matrix("pattern"), each.matrix("values"),
-                                    each.integer("columns")});
+      request.points.parameters.push_back({each.text("interface"), each.text("parameter"),
+                                           each.matrix("pattern"), each.matrix("values"),
+                                           each.integer("columns")});
     }
-    if (request.parameters.empty()) {
+    if (request.points.parameters.empty()) {
       node.fail("no parameter changes");
     }
-    request.points = request.parameters.front().values.cols();
-    if (request.points < 1 || !request.parameters.front().values.allFinite()) {
+    const Matrix& values = request.points.parameters.front().values;
+    request.count = values.cols();
+    if (request.count < 1 || !values.allFinite()) {
       node.fail("it has no points");
     }
   });
@@ -506,7 +507,7 @@ SweepRequest Folder::sweep() const {
 
 SweepRequest grid(const std::vector<std::string>& axes) {
   SweepRequest request;
-  std::vector<Index> shape;
+  std::vector<Axis> of_laws;
   for (const std::string& axis : axes) {
     const std::size_t equals = axis.find('=');
     const std::size_t dot = axis.rfind('.', equals);
@@ -529,31 +530,11 @@ SweepRequest grid(const std::vector<std::string>& axes) {
       values.push_back(value);
       at = next;
     }
-    shape.push_back(static_cast<Index>(values.size()));
+    of_laws.push_back({axis.substr(0, dot), axis.substr(dot + 1, equals - dot - 1), values});
     request.axes.emplace_back(axis.substr(0, equals), std::move(values));
   }
-  Index points = 1;
-  for (const Index length : shape) {
-    points *= length;
-    if (points > most_points) {
-      throw InputError("--sweep: more than " + std::to_string(most_points) +
-                       " points: give fewer values, and run it again for the others");
-    }
-  }
-  request.order = iteration::snake_order(shape);
-  request.points = static_cast<Index>(request.order.size());
-  Index repeats = request.points;
-  for (std::size_t a = 0; a < axes.size(); ++a) {
-    const auto& [name, values] = request.axes[a];
-    repeats /= shape[a];  // points until the value changes, the last axis fastest
-    Matrix at_points(1, request.points);
-    for (Index point = 0; point < request.points; ++point) {
-      at_points(0, point) = values[static_cast<std::size_t>((point / repeats) % shape[a])];
-    }
-    const std::size_t dot = name.rfind('.');
-    request.parameters.push_back(
-        {name.substr(0, dot), name.substr(dot + 1), Matrix::Ones(1, 1), std::move(at_points), 1});
-  }
+  request.points = latin::grid(of_laws);
+  request.count = static_cast<Index>(request.points.order.size());
   return request;
 }
 

@@ -8,8 +8,7 @@
 
 #include "latin/common/communicator.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/options.hpp"
-#include "latin/iteration/sweep.hpp"
+#include "latin/study.hpp"
 #include "latin/substructure/laws.hpp"
 #include "tree.hpp"
 
@@ -21,9 +20,8 @@ constexpr Index folder_version = 1;
 
 /// A sweep as the folder, or the command line, describes it.
 struct SweepRequest {
-  std::vector<iteration::SweptParameter> parameters;
-  std::vector<Index> order;  ///< points in the order of solution
-  Index points = 0;
+  Points points;
+  Index count = 0;  ///< of points, with those that are not solved
   /// Axes of the grid: name and values; empty: the folder has them among what it has for the frontend.
   std::vector<std::pair<std::string, std::vector<double>>> axes;
 };
@@ -36,11 +34,9 @@ class Folder {
   /// Collective. @throws InputError on all ranks if the folder is damaged, or none
   Folder(const std::filesystem::path& folder, const Communicator& communicator);
 
-  /// The factorised bodies of this rank with their laws. Collective.
-  [[nodiscard]] substructure::Laws laws() const;
+  /// The factorised bodies of this rank with their laws and loads. Collective.
+  [[nodiscard]] Study study() const;
   [[nodiscard]] iteration::Options options() const;
-  /// (load patterns, columns)
-  [[nodiscard]] Matrix amplitudes() const;
   /// Whether a sweep was exported.
   [[nodiscard]] bool has_sweep() const { return root_.has("sweep"); }
   [[nodiscard]] SweepRequest sweep() const;
@@ -73,6 +69,8 @@ class Folder {
   [[nodiscard]] substructure::InterfaceDescription interface(const Node& node) const;
   [[nodiscard]] std::vector<substructure::LawColumns> columns(const Node& node) const;
   [[nodiscard]] substructure::Laws with_values(substructure::Laws laws) const;
+  /// (load patterns, columns)
+  [[nodiscard]] Matrix amplitudes() const;
   void find_owners();
 
   std::filesystem::path folder_;

@@ -283,5 +283,5 @@ TEST(SnakeOrder, VisitsAllPointsInSingleSteps) {
     }
     EXPECT_EQ(steps, 1) << "from position " << i - 1;
   }
-  EXPECT_THROW(latin::iteration::snake_order({3, 0}), latin::InputError);
+  EXPECT_THROW(static_cast<void>(latin::iteration::snake_order({3, 0})), latin::InputError);
 }

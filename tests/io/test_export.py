@@ -164,6 +164,21 @@ def test_displacements_of_a_sweep(elastic: lt.Problem, tmp_path: Path) -> None:
             assert np.abs(here - there).max() <= 1e-13 * np.abs(here).max()
 
 
+def test_displacements_of_a_sweep_over_loads(tmp_path: Path) -> None:
+    """They are those under the loads of the point."""
+    scene = blocks()
+    scene.point_force("block 2", (3.0, 1.0, 1.0), (1e-3, 0.0, 0.0), name="push")
+    problem, grid = lt.assemble(scene), {"push.x": [0.0, 1e-3, 3e-3]}
+    problem.export(tmp_path, grid=grid)
+    reference = lt.sweep(problem, grid, progress=False, keep_states=True)
+    found = solved(tmp_path, "--displacements")
+    (one,), (other,) = list(reference.blocks()), list(found.blocks())
+    for part in problem.substructures:
+        here, there = one.displacement(part, None), other.displacement(part, None)
+        assert np.abs(here[2] - here[0]).max() > 1e-4 * np.abs(here).max()
+        assert np.abs(here - there).max() <= 1e-13 * np.abs(here).max()
+
+
 def test_displacements_of_a_sweep_in_time(tmp_path: Path) -> None:
     problem = lt.assemble(blocks(force=lt.Amplitude([0.0, 1.0, 2.0], [0.0, 1.0, 4.0]) * 0.2))
     grid, times = {"joint/0.normal": [1.0, 2.0, 4.0]}, [0.5, 1.0, 2.0]

@@ -245,6 +245,31 @@ def as_the_recipe_tests(recipe: Any, python: Path, tree: Path, away: Path) -> No
 # --- the C++ library -------------------------------------------------------------------------------
 
 
+def headers_of(name: str) -> set[str]:
+    """A list of headers in CMakeLists.txt, with those that it takes over from another list."""
+    text = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
+    found: set[str] = set()
+    for word in re.findall(rf"set\({name}\s([^)]*)\)", text)[0].split():
+        found |= headers_of(word[2:-1]) if word.startswith("$") else {f"latin/{word}"}
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "first"), [("law_headers", "interface/pointwise"), ("public_headers", "latin")]
+)
+def test_installed_headers_are_few_and_include_no_others(name: str, first: str) -> None:
+    """All of them are reached from one."""
+    installed, laws = headers_of(name), {f"latin/interface/{each}.hpp" for each in ("law", "pointwise")}
+    assert laws <= installed and len(installed - laws) <= 15
+    reached: set[str] = set()
+    ahead = {f"latin/{first}.hpp"}
+    while ahead:
+        reached |= ahead
+        texts = [(ROOT / "latin_core" / "include" / each).read_text(encoding="utf-8") for each in ahead]
+        ahead = {each for text in texts for each in re.findall(r'#include "(latin/.*?)"', text)} - reached
+    assert reached == installed
+
+
 @pytest.mark.night(guard="test_source_distribution_is_complete")
 @pytest.mark.timeout(1200)
 def test_cmake_installs_the_library(sdist: Path, tmp_path: Path) -> None:
@@ -261,15 +286,25 @@ def test_cmake_installs_the_library(sdist: Path, tmp_path: Path) -> None:
     call(["cmake", "--build", str(build)], tmp_path, **variables)
     call(["cmake", "--install", str(build)], tmp_path)
     prefix = first.rename(tmp_path / "a prefix that was moved")
-    assert (prefix / "include" / "latin" / "latin.hpp").is_file()
+    include = prefix / "include"
+    headers = {str(each.relative_to(include)) for each in include.rglob("*") if each.is_file()}
+    assert headers == headers_of("public_headers")
     assert not list(prefix.rglob("_core*")) and not (prefix / "latin_core").exists()
 
-    source, demo = tmp_path / "my program", tmp_path / "my build"
-    shutil.copytree(ROOT / "demos" / "cpp", source)
-    call(["cmake", "-S", str(source), "-B", str(demo), f"-DCMAKE_PREFIX_PATH={prefix}"], tmp_path)
-    call(["cmake", "--build", str(demo)], tmp_path)
-    printed = call([str(demo / "bars")], tmp_path).splitlines()
-    assert len(printed) == 11 and float(printed[-1].split()[-1]) < 1e-8
+    def built(source: Path, *given: str) -> Path:
+        target, build = tmp_path / f"my {source.name}", tmp_path / f"build of {source.name}"
+        shutil.copytree(source, target)
+        given = (f"-DCMAKE_PREFIX_PATH={prefix}", *given)
+        call(["cmake", "-S", str(target), "-B", str(build), *given], tmp_path)
+        call(["cmake", "--build", str(build)], tmp_path)
+        return build
+
+    demos = built(ROOT / "demos" / "cpp")
+    for demo, lines in (("bars", 12), ("friction", 11)):
+        printed = call([str(demos / demo)], tmp_path).splitlines()
+        assert len(printed) == lines and float(printed[-1].split()[-1]) < 1e-8
+    consumer = built(ROOT / "tests" / "project" / "consumer", f"-DHEADERS={';'.join(sorted(headers))}")
+    call([str(consumer / "user_laws")], tmp_path)
 
     program = prefix / "bin" / "latin_run"
     if program.exists():  # where there is HDF5

@@ -86,7 +86,7 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
         (
             "latin_core/src/iteration/solver.cpp",
             '#include "latin/all.hpp"\n',
-            "1: latin/all.hpp belongs to no layer: include what is used",
+            "1: layer iteration must not include latin/all.hpp (layer study)",
         ),
         (
             "latin_core/src/iteration/solver.cpp",
@@ -97,7 +97,7 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
             "latin_core/src/extras/x.cpp",
             "",
             "1: folder extras is no layer; the layers are "
-            "common, algebra, interface, stochastic, mortar, equilibration, substructure, iteration",
+            "common, algebra, interface, stochastic, mortar, equilibration, substructure, iteration, study",
         ),
         (
             "latin_core/bindings/core.cpp",

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "latin/common/error.hpp"
+#include "latin/common/exchange.hpp"
 #include "latin/common/outer_lock.hpp"
 
 namespace latin {

@@ -190,7 +190,7 @@ class Sweep {
     for (const SweptParameter& each : parameters) {
       if (each.interface.empty()) {
         check_load(each);
-        loads_.push_back(&each);
+        loads_.push_back(each);
         continue;
       }
       if (each.parameter == stiffness_parameter) {
@@ -460,12 +460,7 @@ class Sweep {
 
   /// What the swept loads of a point add to the amplitudes, (l, c).
   [[nodiscard]] Matrix loads_of(Index point) const {
-    Matrix added = Matrix::Zero(amplitudes_.rows(), amplitudes_.cols());
-    for (const SweptParameter* each : loads_) {
-      const Vector values = each->pattern * each->values.col(point);
-      added += values.reshaped(amplitudes_.rows(), amplitudes_.cols());
-    }
-    return added;
+    return loads_at(loads_, point, amplitudes_.rows(), amplitudes_.cols());
   }
 
   /// Add the answer to the swept loads of a point to traces, or take it away.
@@ -759,7 +754,7 @@ class Sweep {
   std::vector<Early> early_;  ///< the first samples
   double wanted_;             ///< tolerance asked for: that of the options follows the scatter
   const Matrix& amplitudes_;  ///< at all points, but for swept loads
-  std::vector<const SweptParameter*> loads_;
+  std::vector<SweptParameter> loads_;
   std::vector<const SweptParameter*> stiffness_;
   bool scales_ =
       false;  ///< bodies have factors: tangents and traces of other points are not those of a point
@@ -827,31 +822,6 @@ Status sweep(const substructure::Laws& laws, const Options& options, const Matri
             callback, point_callback, beginning);
   all.check(order);
   return all.run(order, next);
-}
-
-std::vector<Index> snake_order(const std::vector<Index>& shape) {
-  Index total = 1;
-  for (const Index extent : shape) {
-    if (extent < 1) {
-      throw InputError("a grid axis has " + std::to_string(extent) + " values: give at least one");
-    }
-    total *= extent;
-  }
-  std::vector<Index> order;
-  order.reserve(static_cast<std::size_t>(total));
-  for (Index position = 0; position < total; ++position) {
-    // mixed-radix reflected Gray code: an axis runs backwards on every other pass
-    Index flat = 0;
-    Index block = total;
-    for (const Index extent : shape) {
-      const Index pass = position / block;
-      block /= extent;
-      const Index digit = (position / block) % extent;
-      flat = flat * extent + (pass % 2 == 1 ? extent - 1 - digit : digit);
-    }
-    order.push_back(flat);
-  }
-  return order;
 }
 
 }  // namespace latin::iteration

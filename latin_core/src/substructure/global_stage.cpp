@@ -260,28 +260,42 @@ void GlobalStage::add_sizes(std::size_t b, ConstMatrixRef data, ConstMatrixRef t
   }
 }
 
+std::vector<Matrix> GlobalStage::displacements(std::size_t body, ConstMatrixRef data,
+                                               ConstMatrixRef amplitudes, Lane& own) {
+  const Structure& structure = laws_.structure();
+  const Body& mean = structure.bodies()[body];
+  const auto of_sides = data.middleRows(structure.body_rows()[body], mean.rows());
+  if (const ScaledColumns* scaled = laws_.scaled(body)) {
+    Matrix traces(mean.rows(), data.cols());
+    apply_scaled(body, of_sides, amplitudes, traces, own.work);
+    std::vector<Matrix> found =
+        scaled->body->displacements(scaled->into(of_sides), scaled->into(traces),
+                                    scaled->into(amplitudes), scaled->each(data.cols()));
+    for (Matrix& field : found) {
+      field = scaled->back(field);
+    }
+    return found;
+  }
+  if (const FieldColumns* field = laws_.field(body)) {
+    return field->displacements(mean, of_sides, amplitudes);
+  }
+  return mean.displacements(of_sides, amplitudes, laws_.response(body));
+}
+
+std::vector<Matrix> displacements_of(const Laws& laws, std::size_t body, ConstMatrixRef data,
+                                     ConstMatrixRef amplitudes) {
+  GlobalStage global(laws);
+  GlobalStage::Lane own;
+  return global.displacements(body, data, amplitudes, own);
+}
+
 std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, ConstMatrixRef data,
                                                           ConstMatrixRef amplitudes) {
   const Structure& structure = laws.structure();
   GlobalStage global(laws);
   std::vector<std::vector<Matrix>> of_bodies(structure.bodies().size());
   global.of_bodies(global.numbers(data.cols()), [&](std::size_t b, GlobalStage::Lane& own) {
-    const Body& body = structure.bodies()[b];
-    const auto of_sides = data.middleRows(structure.body_rows()[b], body.rows());
-    if (const ScaledColumns* scaled = laws.scaled(b)) {
-      Matrix traces(body.rows(), data.cols());
-      global.apply_scaled(b, of_sides, amplitudes, traces, own.work);
-      of_bodies[b] =
-          scaled->body->displacements(scaled->into(of_sides), scaled->into(traces),
-                                      scaled->into(amplitudes), scaled->each(data.cols()));
-      for (Matrix& field : of_bodies[b]) {
-        field = scaled->back(field);
-      }
-    } else if (const FieldColumns* field = laws.field(b)) {
-      of_bodies[b] = field->displacements(body, of_sides, amplitudes);
-    } else {
-      of_bodies[b] = body.displacements(of_sides, amplitudes, laws.response(b));
-    }
+    of_bodies[b] = global.displacements(b, data, amplitudes, own);
   });
   std::vector<std::pair<std::string, Matrix>> fields;
   for (std::size_t b = 0; b < of_bodies.size(); ++b) {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <utility>
 
+#include "latin/common/exchange.hpp"
 #include "latin/substructure/local_stage.hpp"
 
 namespace latin::substructure {

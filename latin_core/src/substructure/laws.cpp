@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/exchange.hpp"
 
 namespace latin::substructure {
 namespace {

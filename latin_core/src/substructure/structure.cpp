@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/common/exchange.hpp"
 #include "latin/common/threads.hpp"
 
 namespace latin::substructure {

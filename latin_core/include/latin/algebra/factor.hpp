@@ -4,6 +4,7 @@
 #include <memory>
 #include <string>
 
+#include "latin/algebra/factor_backend.hpp"
 #include "latin/common/types.hpp"
 
 namespace latin::algebra {
@@ -11,10 +12,6 @@ namespace latin::algebra {
 /// A pivot of a Cholesky factor below this fraction of its diagonal entry is rounding: an answer would have three digits
 /// at most.
 inline constexpr double least_relative_pivot = 1e-13;
-
-/// Which library factorises. `automatic` is CHOLMOD where it was built in, else MUMPS through PETSc. CHOLMOD goes to
-/// indices of 64 bits by itself where those of 32 cannot count the numbers of a factor; `cholmod64` has them at once.
-enum class FactorBackend { automatic, cholmod, cholmod64, mumps };
 
 /// A symmetric positive definite matrix, factorised once.
 ///

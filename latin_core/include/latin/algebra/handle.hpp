@@ -9,9 +9,8 @@
 #include <string_view>
 #include <utility>
 
+#include "latin/algebra/view.hpp"
 #include "latin/common/outer_lock.hpp"
-#include "latin/common/sparse_view.hpp"
-#include "latin/common/types.hpp"
 
 /// Thin, move-only access to PETSc. Nothing here initialises or finalises PETSc: whoever created the
 /// objects (petsc4py, a test's main) has done so.
@@ -83,15 +82,5 @@ class Handle {
 using MatHandle = Handle<Mat, MatDestroy>;
 using KspHandle = Handle<KSP, KSPDestroy>;
 using VecHandle = Handle<Vec, VecDestroy>;
-
-/// A square sequential AIJ matrix where it lies in PETSc's memory, with its explicit zeros; it is kept alive
-/// with the view and must not change. Other formats are copied.
-/// @throws InputError as to_sparse()
-std::shared_ptr<const SparseView> view_sparse(Mat matrix, std::string_view name);
-
-/// Copy of a sequential AIJ (or BAIJ) matrix of shape (rows, cols); explicit zeros are dropped because
-/// they cost fill in a factorisation.
-/// @throws InputError if the matrix is not sequential, or holds a NaN or infinity; `name` is named.
-SparseRows to_sparse(Mat matrix, std::string_view name);
 
 }  // namespace latin::algebra

@@ -263,4 +263,10 @@ const LawFactory* law_factory() {
   return &factory;
 }
 
+/// A pointwise law as that of an interface that is described in C++.
+template <PointwiseLaw L>
+[[nodiscard]] LawSource law_of() {
+  return {std::make_shared<const PointwiseLawAdapter<L>>()};
+}
+
 }  // namespace latin::interface

@@ -69,6 +69,11 @@ struct Summary {
   Vector
       falls;  ///< (columns), or empty: by what share of itself the load falls where bonds tear, see Newton
   std::vector<Iteration> history;
+
+  /// How it ended, in one line without its end.
+  [[nodiscard]] std::string brief() const;
+  /// The same, and lines of what it took, of its errors by group and of loads that fall.
+  [[nodiscard]] std::string full() const;
 };
 
 }  // namespace latin::iteration

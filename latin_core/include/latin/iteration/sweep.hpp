@@ -5,24 +5,10 @@
 #include <string>
 #include <vector>
 
+#include "latin/iteration/points.hpp"
 #include "latin/iteration/solver.hpp"
 
 namespace latin::iteration {
-
-/// A law parameter that changes from point to point: field = pattern * values.col(point), whose `columns`
-/// blocks of rows are the columns of the field (time steps; one: the same in all). Without an interface it is a load,
-/// pattern * values.col(point) is added to the amplitudes (l, c) of the load patterns, column by column.
-struct SweptParameter {
-  std::string interface;
-  std::string parameter;
-  Matrix pattern;  ///< (rows * columns, r): r = 1 for a number, more for a random field
-  Matrix values;   ///< (r, points)
-  Index columns = 1;
-};
-
-/// The parameter of a substructure, named in place of an interface, that is the factor of its stiffness; its pattern
-/// is (1, 1).
-inline constexpr const char* stiffness_parameter = "part.stiffness";
 
 /// Called after each finished point with its position, its laws, its summary and its state.
 using PointCallback =
@@ -78,9 +64,5 @@ Status sweep(const substructure::Laws& laws, const Options& options, const Matri
              std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
              const PointCallback& point_callback, const NextPoints& next = {},
              Beginning* beginning = nullptr);
-
-/// Order in which a grid is walked: neighbours in the order differ in one parameter by one step
-/// (boustrophedon), the last axis fastest.
-std::vector<Index> snake_order(const std::vector<Index>& shape);
 
 }  // namespace latin::iteration

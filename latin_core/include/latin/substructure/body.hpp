@@ -10,38 +10,9 @@
 #include "latin/common/sparse_view.hpp"
 #include "latin/common/types.hpp"
 #include "latin/common/workspace.hpp"
+#include "latin/substructure/description.hpp"
 
 namespace latin::substructure {
-
-/// One substructure of a body: u = Z q + u0, with q the unknowns of the body.
-struct Member {
-  std::string name;
-  /// K (n, n), symmetric, force / length; let go when the body is built
-  std::shared_ptr<const SparseView> stiffness;
-  SparseRows prolongation;  ///< Z (n, n_body); empty: the identity
-  Matrix load;              ///< F (n, l), force, one column per load pattern
-  Matrix offset;            ///< u0 (n, l), length; empty: zero
-  /// The part of the load that comes from the stiffness and changes with it (initial strains), (n, l); empty: none
-  Matrix of_stiffness = {};  // NOLINT(readability-redundant-member-init): callers leave it out
-  /// K = B^T B with rows of B for each of some points, whose stiffness may have factors (a random field): B u is
-  /// (points * components, n). Empty: none.
-  // NOLINTNEXTLINE(readability-redundant-member-init)
-  SparseRows stretch{};
-  Index stretch_points = 0;  ///< of the stretches; 0: none
-  /// g (points * components, l): loads that come from the stiffness are B^T g; empty: none
-  // NOLINTNEXTLINE(readability-redundant-member-init)
-  Matrix initial_stretch{};
-};
-
-/// A deterministic elastic interface that is assembled into a body instead of being iterated on:
-/// f1 = kappa (B q + B0 - Delta) with B = T2 Z2 - T1 Z1.
-struct Spring {
-  std::string name;
-  std::vector<Index> members;      ///< one (ground on side 2) or two
-  std::vector<SparseRows> traces;  ///< local frame, (rows, n) each
-  Vector stiffness;                ///< kappa * weight, (rows)
-  Matrix jump;                     ///< Delta, (rows, l), one column per load pattern
-};
 
 /// A side of an active interface that lies on a body.
 struct BodySide {
@@ -49,27 +20,6 @@ struct BodySide {
   SparseRows trace;  ///< local frame, (rows, n)
   Vector weights;    ///< (rows)
   Vector direction;  ///< search direction k (rows), force / length^3, > 0
-};
-
-struct BodyDescription {
-  std::string name;
-  Index size;  ///< n_body
-  std::vector<Member> members;
-  std::vector<Spring> springs;
-};
-
-/// How the global stage applies the inverse of a body's operator.
-enum class OperatorKind {
-  automatic,  ///< condensed, unless the dense block would not fit in `memory_limit`
-  condensed,  ///< dense triangular factor of the Schur complement on the active unknowns
-  factored    ///< sparse triangular solves
-};
-
-struct OperatorOptions {
-  OperatorKind kind = OperatorKind::automatic;
-  algebra::FactorBackend backend = algebra::FactorBackend::automatic;
-  double memory_limit = 8e9;   ///< bytes for the dense blocks of all bodies; 0: no limit
-  bool keep_operator = false;  ///< for systems of the whole bodies, see Body::kept_operator()
 };
 
 /// Seconds and bytes that were spent on setting up a body.

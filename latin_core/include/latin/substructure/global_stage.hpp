@@ -47,6 +47,8 @@ class GlobalStage {
   friend std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws,
                                                                    ConstMatrixRef data,
                                                                    ConstMatrixRef amplitudes);
+  friend std::vector<Matrix> displacements_of(const Laws& laws, std::size_t body,
+                                              ConstMatrixRef data, ConstMatrixRef amplitudes);
   /// Working blocks of one thread.
   struct Lane {
     BodyWork work;
@@ -77,6 +79,10 @@ class GlobalStage {
                                          ConstMatrixRef traces, ConstMatrixRef forces,
                                          ConstMatrixRef amplitudes, BodyWork& work);
 
+  /// Displacements of each member of a body, (n, c).
+  [[nodiscard]] std::vector<Matrix> displacements(std::size_t body, ConstMatrixRef data,
+                                                  ConstMatrixRef amplitudes, Lane& own);
+
   Laws laws_;
   double of_fields_ = FieldBody::exact;
   std::vector<std::size_t> largest_first_;  ///< bodies
@@ -88,5 +94,9 @@ class GlobalStage {
 [[nodiscard]] std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws,
                                                                         ConstMatrixRef data,
                                                                         ConstMatrixRef amplitudes);
+
+/// Those of the members of one body, in their order.
+[[nodiscard]] std::vector<Matrix> displacements_of(const Laws& laws, std::size_t body,
+                                                   ConstMatrixRef data, ConstMatrixRef amplitudes);
 
 }  // namespace latin::substructure

@@ -58,13 +58,6 @@ struct ActiveLaw {
   [[nodiscard]] bool gives(const std::string& parameter) const;
 };
 
-/// A parameter of the law of an interface; a field of one row (or column) stands for all rows (columns).
-struct LawParameter {
-  std::string interface;
-  std::string parameter;
-  Matrix values;
-};
-
 /// Everything that may change between two runs on one structure: parameters of the laws of its interfaces,
 /// transforms of their columns, the numbers of time steps and of modes, and loads beside those of the load patterns.
 ///

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "latin/common/communicator.hpp"
+#include "latin/common/exchange.hpp"
 #include "latin/common/threads.hpp"
 #include "latin/common/workspace.hpp"
 #include "latin/substructure/laws.hpp"
