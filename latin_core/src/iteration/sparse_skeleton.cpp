@@ -19,9 +19,9 @@ using substructure::Joined;
 /// Laws are asked at so many times the flexibility of the nodes at a point alone: ten times less and ten times more do
 /// as well.
 constexpr double of_nodes = 10.0;
-/// A closed point is a spring of 1 / bounded of the stiffness at which its law is asked, and stiffer where one of its
-/// sides is: some forces at points deform that side alone. Forces that are more than so many times what they correct are
-/// those of points whose jumps contradict each other: nothing corrects these.
+/// A closed point is a spring of 1 / bounded of the stiffness at which its law is asked. Forces that are more than so
+/// many times what they correct are those of points whose jumps contradict each other: nothing corrects these. Where one
+/// side is stiffer than the other, forces that deform that side alone correct less.
 constexpr double bounded = 1e-4;
 /// Springs that hold everything, relative to the search direction: the first, and how many times stiffer they are where
 /// that is lost in rounding.
@@ -154,12 +154,12 @@ void SparseSkeleton::find_own() {
       so_far = both.select(so_far.cwiseMin(of_side), so_far.cwiseMax(of_side)).eval();
     }
   }
-  bounded_ = bounded * (2.0 * joined.of_points(stiffer)).cwiseQuotient(own_).cwiseMin(1.0);
+  least_corrected_ = bounded * (2.0 * joined.of_points(stiffer)).cwiseQuotient(own_).cwiseMin(1.0);
 }
 
 /// D of a point, bounded, symmetric and not negative.
 Matrix SparseSkeleton::springs_of(const Matrix& tangent, Index first, Index count) const {
-  Matrix slope = (1.0 - bounded_(first)) * tangent.block(first, 0, count, count);
+  Matrix slope = (1.0 - bounded) * tangent.block(first, 0, count, count);
   for (Index a = 0; a < count; ++a) {
     for (Index b = 0; b < a; ++b) {
       const double one = slope(a, b);
@@ -257,7 +257,7 @@ bool SparseSkeleton::approach(const Matrix& tangent, const Vector& phi, const Ve
       }
     }
     const double size = norm(image);
-    if (!(size > norm(bounded_.cwiseProduct(next.y))) || !std::isfinite(size)) {
+    if (!(size > norm(least_corrected_.cwiseProduct(next.y))) || !std::isfinite(size)) {
       break;
     }
     image /= size;

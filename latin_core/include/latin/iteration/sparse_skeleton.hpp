@@ -100,10 +100,10 @@ class SparseSkeleton : public Skeleton {
   Vector diagonal_;  ///< of K where there are rows, else infinite
   Vector own_;
   Vector metric_;
-  Vector bounded_;       ///< what slopes are reduced by
-  Matrix d_;             ///< D of the factor, as slopes are given
-  double held_ = 0.0;    ///< springs of the factor on all rows, relative to the search direction
-  double spring_ = 0.0;  ///< those that are meant
+  Vector least_corrected_;  ///< by a force, relative to it, that is none of a contradiction
+  Matrix d_;                ///< D of the factor, as slopes are given
+  double held_ = 0.0;       ///< springs of the factor on all rows, relative to the search direction
+  double spring_ = 0.0;     ///< those that are meant
   bool exact_ = false;
   bool stale_ = true;  ///< whether the factor is to be made anew
   std::unique_ptr<algebra::Factor> factor_;
