@@ -63,7 +63,8 @@ Newton::Course Newton::course_of(const State& state, Column& column) {
   return {{end.start.answer - column.start.answer, end.start.loads - column.start.loads},
           end.jump - column.jump,
           before,
-          amplitudes_.col(index) - before};
+          amplitudes_.col(index) - before,
+          {}};
 }
 
 /// With loads that grow from those of the step before, by as much as Newton's steps follow.

@@ -106,7 +106,7 @@ class Newton {
     Vector jump;
     Vector before;  ///< amplitudes of the step before, and their change
     Vector change;
-    Vector opens{};     ///< change of the jumps on the way so far; empty: there is none
+    Vector opens;       ///< change of the jumps on the way so far; empty: there is none
     double load = 0.0;  ///< reached so far: 0 to 1
     /// Change of it with what an increment dissipates, at its beginning and its end.
     double rate_at_first = 0.0;
