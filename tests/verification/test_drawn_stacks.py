@@ -30,7 +30,12 @@ STACKS: dict[str, tuple[int, float, float, float, list[Plate], list[lf.Contact]]
         20.0,
         5.0,
         0.25,
-        [(3e3, 0.45, 15.0, 32, 1), (3e3, 0.45, 15.0, 33, 1), (70e3, 0.3, 8.0, 32, 1), (70e3, 0.3, 15.0, 32, 1)],
+        [
+            (3e3, 0.45, 15.0, 32, 1),
+            (3e3, 0.45, 15.0, 33, 1),
+            (70e3, 0.3, 8.0, 32, 1),
+            (70e3, 0.3, 15.0, 32, 1),
+        ],
         [lf.Contact(friction=1.5, stiffness=1e3), lf.Contact(friction=0.3), lf.Contact(friction=0.1)],
     ),
     "a block between films, which see less of its forces than it does": (
