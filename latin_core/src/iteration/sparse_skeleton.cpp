@@ -144,7 +144,7 @@ void SparseSkeleton::find_own() {
   const Joined& joined = system_.joined();
   own_ = system_.law_flexibility(joined.of_points(of_nodes * (sides_.cwiseAbs() * of_rows)));
   metric_ = areas_.cwiseProduct(own_);
-  // as many times less as the stiffer side is than both together are, alike
+  // twice the share that the stiffer side has of both: 1 where they are alike
   Vector stiffer = Vector::Zero(own_.size());
   for (const Joined::JoinedInterface& interface : joined.interfaces()) {
     for (const Index row : interface.rows) {

@@ -180,6 +180,7 @@ class Sweep {
         scatter_(laws.structure()),
         wanted_(options.rtol),
         amplitudes_(amplitudes),
+        parameters_(parameters),
         known_(std::move(known)),
         known_points_(std::move(known_points)),
         callback_(noting(callback)),
@@ -190,7 +191,7 @@ class Sweep {
     for (const SweptParameter& each : parameters) {
       if (each.interface.empty()) {
         check_load(each);
-        loads_.push_back(each);
+        loads_vary_ = true;
         continue;
       }
       if (each.parameter == stiffness_parameter) {
@@ -218,7 +219,7 @@ class Sweep {
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
     if (options.snapshots < 2 || options.acceleration < 1 || structure_.total_rows() == 0 ||
-        !ranks.everywhere(!laws.transformed()) || !loads_.empty() || scales_) {
+        !ranks.everywhere(!laws.transformed()) || loads_vary_ || scales_) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
@@ -460,12 +461,12 @@ class Sweep {
 
   /// What the swept loads of a point add to the amplitudes, (l, c).
   [[nodiscard]] Matrix loads_of(Index point) const {
-    return loads_at(loads_, point, amplitudes_.rows(), amplitudes_.cols());
+    return loads_at(parameters_, point, amplitudes_.rows(), amplitudes_.cols());
   }
 
   /// Add the answer to the swept loads of a point to traces, or take it away.
   void shift(Matrix& traces, Index point, double sign) const {
-    if (loads_.empty() || scales_) {  // with factors the traces are made anew
+    if (!loads_vary_ || scales_) {  // with factors the traces are made anew
       return;
     }
     const Matrix added = sign * loads_of(point);
@@ -498,7 +499,7 @@ class Sweep {
   /// @throws Interrupted if the run was interrupted
   Summary solve_or_stop(Index point, const substructure::Laws& laws, State& state,
                         const std::vector<const State*>& start) {
-    const Matrix amplitudes = loads_.empty() ? amplitudes_ : Matrix(amplitudes_ + loads_of(point));
+    const Matrix amplitudes = loads_vary_ ? Matrix(amplitudes_ + loads_of(point)) : amplitudes_;
     Options options = options_;
     options.max_seconds = seconds_left();
     Summary summary = solve(laws, options, amplitudes, state, start, callback_, linear_);
@@ -636,7 +637,7 @@ class Sweep {
     structure_.communicator().together([&] { laws = laws_of(laws_, {&point, 1}); });
     std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     std::vector<State> shifted;  // their displacements under the loads of this point
-    if (!loads_.empty()) {
+    if (loads_vary_) {
       shifted.reserve(start.size());
       for (const State*& each : start) {
         shifted.push_back(*each);
@@ -754,7 +755,8 @@ class Sweep {
   std::vector<Early> early_;  ///< the first samples
   double wanted_;             ///< tolerance asked for: that of the options follows the scatter
   const Matrix& amplitudes_;  ///< at all points, but for swept loads
-  std::vector<SweptParameter> loads_;
+  const std::vector<SweptParameter>& parameters_;
+  bool loads_vary_ = false;
   std::vector<const SweptParameter*> stiffness_;
   bool scales_ =
       false;  ///< bodies have factors: tangents and traces of other points are not those of a point
