@@ -21,7 +21,7 @@ import numpy as np
 import promise
 
 from dolfinx_frontend import Problem, Scene, assemble, solve
-from dolfinx_frontend.results.errors import MeanStd
+from dolfinx_frontend.uncertainty.statistics import MeanStd
 from benchmarks import tradeoff
 from tests.verification import test_meshes as plane
 

@@ -50,10 +50,10 @@ from dolfinx_frontend import (
     solve,
     tensor_quadrature,
 )
-from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.estimate.mesh_error import discretisation_error as of_meshes
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction, Plan
+from dolfinx_frontend.uncertainty.statistics import MeanStd
 from parts.lap_joint import lap_joint
 from parts.vessel import bolted_vessel
 from tests.verification import test_accuracy, test_discretisation

@@ -60,7 +60,7 @@ from dolfinx_frontend import (
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.results.errors import MeanStd
+from dolfinx_frontend.uncertainty.statistics import MeanStd
 
 Array = npt.NDArray[np.float64]
 ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4)

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from dolfinx_frontend.inference.reliability import chance
+from dolfinx_frontend.rare.reliability import chance
 from tests.inference.published import PROBABILITIES, PUBLISHED, Conditions, Published, plane, sobol
 
 HEAD = ("limit state", "variables", "probability", "held", "mean", "scatter", "cov", "points", "most", "by")

@@ -8,37 +8,40 @@ here. ``dolfinx_frontend.__version__`` is the installed version.
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
-from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend import geometry, io, reference
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.interrupts import keep_broken_pipes as _keep_broken_pipes
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.common.tracebacks import debug
 from dolfinx_frontend.common.tracebacks import install as _install_tracebacks
-from dolfinx_frontend.results.errors import EnergyBound, Errors
 from dolfinx_frontend.decks.writing import to_deck as _to_deck  # noqa: F401  a method of Scene
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
+from dolfinx_frontend.evaluate.events import Event, Response
+from dolfinx_frontend.evaluate.function import Evaluation, KinkWarning, ProblemFunction
+from dolfinx_frontend.fit.calibration import Fit, Posterior, calibrate
+from dolfinx_frontend.fit.screening import Screening, screen
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
-from dolfinx_frontend.results.saved import SavedResult, load
-from dolfinx_frontend.results.writing import ResultFileError
-from dolfinx_frontend.inference.calibration import Fit, Posterior, calibrate
-from dolfinx_frontend.inference.events import Event, Response
-from dolfinx_frontend.inference.function import Evaluation, KinkWarning, ProblemFunction
-from dolfinx_frontend.inference.reliability import Reliability, reliability
-from dolfinx_frontend.inference.screening import Screening, screen
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.ways import PricedWay, Ways, compare_ways
+from dolfinx_frontend.rare.reliability import Reliability, reliability
+from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
+from dolfinx_frontend.results.errors import EnergyBound, Errors
+from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Measure, Quantile, Resultant
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.results.saved import SavedResult, load
+from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.results.uncertain import StochasticResult
-from dolfinx_frontend.results.probes import AtPoint
+from dolfinx_frontend.results.writing import ResultFileError
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.bolts import BoltStiffness
 from dolfinx_frontend.scene.laws import (
@@ -57,10 +60,7 @@ from dolfinx_frontend.scene.laws import (
 from dolfinx_frontend.scene.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.scene.matrix import Matrix
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
-from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solving import (
     errors,
     export,

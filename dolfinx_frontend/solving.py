@@ -32,24 +32,25 @@ from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
 from dolfinx_frontend.estimate.meshes import solve_scene
-from dolfinx_frontend.inference.function import ProblemFunction, check_handed_on, problem_function
+from dolfinx_frontend.evaluate import sampling
+from dolfinx_frontend.evaluate.function import ProblemFunction, check_handed_on, problem_function
+from dolfinx_frontend.evaluate.sweep import sweep
 from dolfinx_frontend.kernel.running import check_running
 from dolfinx_frontend.kernel.spread import check_given_alike
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import HistoryResult, Result
-from dolfinx_frontend.results.resultant import Compared, Interest
+from dolfinx_frontend.results.resultant import Interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.solvers.deterministic import solve_once, start_states
 from dolfinx_frontend.solvers.export import export
 from dolfinx_frontend.solvers.galerkin import solve_chaos
-from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
+from dolfinx_frontend.uncertainty.statistics import Compared
 
 __all__ = [
     "SampleSettings",
@@ -259,7 +260,7 @@ def solve(
     Warns
     -----
     SceneWarning
-        Parts that have lost their support, see :mod:`dolfinx_frontend.solvers.support`.
+        Parts that have lost their support, see :mod:`dolfinx_frontend.evaluate.support`.
     """
     settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
     check_running("solve", callback, progress)

@@ -2,7 +2,7 @@
 
     ./run python tools/mutants.py                  60 mutants, for a night
     ./run python tools/mutants.py --list           what is drawn, as differences
-    ./run python tools/mutants.py --seconds 3000 --only inference iteration
+    ./run python tools/mutants.py --seconds 3000 --only rare iteration
 
 Each mutant has one fault, made by an operator in the source as it is (``mutation.py``): a comparison turned,
 a sign, a tolerance times ten, a `not` dropped, `and` for `or`, an index off by one, `min` for `max`. It is
@@ -54,7 +54,9 @@ KERNEL = tuple(
     f"latin_core/src/{name}"
     for name in ("iteration", "substructure", "interface", "algebra", "stochastic", "mortar", "equilibration")
 )
-STATISTICS = tuple(f"dolfinx_frontend/{name}" for name in ("estimate", "inference", "uncertainty"))
+STATISTICS = tuple(
+    f"dolfinx_frontend/{name}" for name in "estimate evaluate moments rare fit uncertainty".split()
+)
 # a folder of the kernel and one of the statistics in turns: as many of both
 FOLDERS = tuple(STATISTICS[k // 2 % 3] if k % 2 else KERNEL[k // 2] for k in range(12))
 NAMES = tuple(Path(each).name for each in dict.fromkeys(FOLDERS))

@@ -54,12 +54,12 @@ from dolfinx_frontend.assembly.substructure import Substructure, discretise, sum
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_kind, check_optional_kind, checked_callable
 from dolfinx_frontend.common.deferred import sp
-from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
-from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.groups import grouped
+from dolfinx_frontend.common.interrupts import stop_if_pressed
 from dolfinx_frontend.common.progress import Bar
+from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene

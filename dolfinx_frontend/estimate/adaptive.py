@@ -22,11 +22,8 @@ from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt, Interrupted
 from dolfinx_frontend.common.memory import available_memory
-from dolfinx_frontend.estimate.by_points import by_panels, by_samples
-from dolfinx_frontend.estimate.by_rules import by_rules
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
-    FINEST,
     INTERRUPTED,
     LATE,
     beside_what_acts,
@@ -35,51 +32,48 @@ from dolfinx_frontend.estimate.errors import (
     UNKNOWN,
     by_solves,
     change_of,
-    complete,
     distance,
     enlarged,
     error_of_meshes,
     errors,
     next_halving,
     of_direct,
-    of_iteration,
     not_known,
     over_ranks,
-    size_of,
     sizes_of,
-    whole_of,
     why_stopped,
 )
-from dolfinx_frontend.estimate.points import (
-    Lost,
-    Witnesses,
-    beside_fields,
-    few_witnesses,
-    lost_of_fields,
-    misfit,
-    witnesses,
-)
-from dolfinx_frontend.estimate.tails import Tail, beside_tails, beyond_all, heavy_tails, note_of, seen_to
+from dolfinx_frontend.evaluate.evaluator import complete
+from dolfinx_frontend.evaluate.model import QuantityModel, errors_of, samples_of
+from dolfinx_frontend.moments.fields import Lost, beside_fields, lost_of_fields
+from dolfinx_frontend.moments.model import Moments
+from dolfinx_frontend.moments.panels import by_panels
+from dolfinx_frontend.moments.rules import by_rules
+from dolfinx_frontend.moments.samples import by_samples
+from dolfinx_frontend.moments.tails import Tail, beside_tails, beyond_all, heavy_tails, note_of, seen_to
+from dolfinx_frontend.moments.validation import Witnesses, few_witnesses, misfit, witnesses
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.price import Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.results.chaos import NOISE, ChaosResult
-from dolfinx_frontend.results.errors import Errors, ErrorShare, share_of
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import (
-    Compared,
-    Interest,
-    Measure,
-    Quantile,
-    Resultant,
-    Wanted,
-    interest,
-)
+from dolfinx_frontend.results.resultant import Interest, Measure, Quantile, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, carry_on, solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
+from dolfinx_frontend.uncertainty.statistics import (
+    FINEST,
+    NOISE,
+    Compared,
+    ErrorShare,
+    of_iteration,
+    share_of,
+    size_of,
+    whole_of,
+)
 
 __all__ = [
     "NOT_YET",
@@ -413,11 +407,21 @@ class _Search:
             return self._of_points(*self.points)
         return self._found(made)
 
-    def keep(self, samples: SampleResult, made: Errors) -> None:
+    def keep(self, found: Moments) -> None:
         """Points that are finished: fewer than there were before only if they are better."""
-        best = self.points
+        best, (samples, made) = self.points, self._of_moments(found)
         if best is None or len(samples.germs) >= len(best[0].germs) or made.total <= best[1].total:
             self.points = samples, made
+
+    @property
+    def model(self) -> QuantityModel:
+        """The quantity at points of the germs."""
+        assert self.quantity is not None
+        return QuantityModel.of_chaos(self.result, self.quantity)
+
+    def _of_moments(self, found: Moments) -> tuple[SampleResult, Errors]:
+        assert self.quantity is not None
+        return samples_of(found), errors_of(found, self.quantity)
 
     def _known(self) -> Errors:
         """What is known of the errors of the chaos."""
@@ -454,9 +458,10 @@ class _Search:
             self.of_fields = self._lost(quantity)
             self.target = beside_fields(self.target, self.lost)
             if coupled:
-                found = by_samples(self.result, quantity, self.target, self._each(), most=MOST_INSTEAD)
-                if found[1].total <= self.target:
-                    return self._of_points(*found[:2])
+                found, _ = by_samples(self.model, self.target, self._each(), most=MOST_INSTEAD)
+                samples, made = self._of_moments(found)
+                if made.total <= self.target:
+                    return self._of_points(samples, made)
                 self._calibrate()
                 self.rtol = self._tolerance()
             if not curved:
@@ -518,9 +523,9 @@ class _Search:
         if not self.result.random.of_fields:
             return None
         value = self.result.mean_std(quantity)
-        if self.lost is None:
-            each = self._each()
-            self.lost = lost_of_fields(self.result, quantity, each, value, complete, self.target)
+        full = self.model.full_fields() if self.lost is None else None
+        if full is not None:
+            self.lost = lost_of_fields(self.model, full, self._each(), value, self.target)
         if self.lost is None:
             return None
         mean = self.lost.mean * size_of(value, quantity)
@@ -543,7 +548,7 @@ class _Search:
         """Solve the witnesses, which tells what a point costs, too."""
         began = perf_counter()
         try:
-            self.seen = witnesses(self.result, quantity, self._each(), complete)
+            self.seen = witnesses(self.model, self._each())
         except SceneError as error:
             self.notes += (f"no witnesses: {str(error).splitlines()[0]}",)
             return
@@ -630,7 +635,7 @@ class _Search:
         least = min(size, whole_of(value, self.rtol, quantity) or size)
         if not float(np.max(np.abs(seen.values - value.mean))) > 0.1 * self.target * least:
             return  # rounding beside what matters
-        self.tails = heavy_tails(self.result, quantity, seen, value, self.target, complete)
+        self.tails = heavy_tails(self.model, seen, value, self.target)
         note = note_of(self.tails, quantity, self.result.space.germ_names)
         self.notes += (note,) if note else ()
 
@@ -649,9 +654,12 @@ class _Search:
         return with_errors(samples, made, self.accuracy, self.of_meshes, self.notes)
 
     def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
-        """Solved points instead of a chaos: rules that agree with witnesses, pieces of a single germ, or
-        calibrated samples."""
-        result, seen, spread = self.result, self.seen, self._spread()
+        """Solved points instead of a chaos."""
+        return self._of_moments(self._moments(quantity))
+
+    def _moments(self, quantity: Wanted) -> Moments:
+        """Rules that agree with witnesses, pieces of a single germ, or calibrated samples."""
+        result, model, seen, spread = self.result, self.model, self.seen, self._spread()
         each = self._each(spread)
         if result.space.dimension <= FEW_GERMS and not isinstance(quantity, Quantile):
             rtol = self._each(spread, LOOSEST_ALONE)
@@ -659,23 +667,22 @@ class _Search:
             of_seen = float(np.clip(of_seen, rtol, LOOSEST_ALONE))
             judges = seen
             if judges is None:
-                judges = few_witnesses(result, quantity, of_seen, complete, self.target)
+                judges = few_witnesses(model, of_seen, self.target)
                 self._look_far(quantity, judges)
             found = None
             if not self._alone():
-                found = by_rules(result, quantity, self.target, rtol, judges, self.keep)
+                found = by_rules(model, self.target, rtol, judges, self.keep)
                 if found is not None and self.tails:
-                    found = found[0], beside_tails(found[1], self.tails, result.space, judges.points)
-                    found = found if found[1].total <= self.accuracy else None
+                    found = beside_tails(found, self.tails, result.space, judges.points)
+                    found = found if errors_of(found, quantity).total <= self.accuracy else None
             if found is None and result.space.continuous == (True,) and not self._endless():
-                found = by_panels(result, quantity, self.target, each, self.keep, judges, self.tails)
+                found = by_panels(model, self.target, each, self.keep, judges, self.tails)
             if found is not None:
                 return found
         most = MOST_ENDLESS if self._endless() else 0
-        target, tails = self.target, self.tails
-        samples, made, notes = by_samples(result, quantity, target, each, seen, self.keep, most, tails)
+        found, notes = by_samples(model, self.target, each, seen, self.keep, most, self.tails)
         self.notes += notes
-        return samples, made
+        return found
 
     def _found(self, made: Errors) -> ChaosResult:
         halving = partial(next_halving, self.result)

@@ -20,26 +20,35 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly.matrix_part import has_mesh
 from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, largest_of
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.interrupts import Interrupted, late, pressed, stop_if_pressed
+from dolfinx_frontend.common.interrupts import Interrupted, late
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.common.statuses import STOPPED
 from dolfinx_frontend.estimate.equilibrated import energy_bound
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error, with_dual
 from dolfinx_frontend.estimate.unseen import walls_not_seen
+from dolfinx_frontend.evaluate.evaluator import complete
 from dolfinx_frontend.plan.cost import shown
-from dolfinx_frontend.results.accuracy import largest_of, remedy
+from dolfinx_frontend.results.accuracy import remedy
 from dolfinx_frontend.results.answer import AnswerKind
-from dolfinx_frontend.results.chaos import NOISE, ChaosResult
-from dolfinx_frontend.results.errors import EnergyBound, ErrorShare, Errors, Kind, MeanStd, Source, share_of
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.errors import EnergyBound, Errors, Kind, Source
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Interest, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.statistics import (
+    Compared,
+    ErrorShare,
+    MeanStd,
+    of_iteration,
+    share_of,
+    size_of,
+    whole_of,
+)
 
 __all__ = [
     "DIGIT",
@@ -48,7 +57,6 @@ __all__ = [
     "LATE",
     "change_of",
     "compared_with",
-    "complete",
     "distance",
     "enlarged",
     "error_of_meshes",
@@ -58,12 +66,9 @@ __all__ = [
     "by_solves",
     "next_halving",
     "of_direct",
-    "of_iteration",
     "not_known",
     "over_ranks",
-    "size_of",
     "sizes_of",
-    "whole_of",
     "why_stopped",
 ]
 
@@ -98,19 +103,6 @@ CLOSED = 1e-12
 
 
 # --- quantities -------------------------------------------------------------------------------------
-def whole_of(value: MeanStd, rtol: float, quantity: Wanted | None = None) -> float | None:
-    """What an error of the standard deviation is relative to: itself, if it is more than what a run with this
-    error leaves of a mean."""
-    if value.std is None:
-        return None
-    noise = value.std <= NOISE * rtol * abs(value.mean)
-    least = 0.0 if quantity is None else quantity.compared.least
-    return max(abs(value.mean) if noise else value.std, least)
-
-
-def size_of(value: MeanStd, quantity: Wanted | None = None) -> float:
-    """What an error of the mean is relative to."""
-    return abs(value.mean) if quantity is None else quantity.compared.size(*value)
 
 
 def compared_with(quantity: Wanted | None, compared: Compared | None) -> Wanted | None:
@@ -408,29 +400,6 @@ def of_direct(result: Result, value: MeanStd | None) -> ErrorShare:
     """The algebraic error of a direct solution: what its corrections have left."""
     error = max(result.error, FINEST)
     return ErrorShare(error, None if value is None else error * abs(value.mean), how="direct solve")
-
-
-def complete(result: Result | SampleResult) -> None:
-    """Check that a run of a measurement was not interrupted, nor the search that it is a part of; collective.
-
-    Raises
-    ------
-    Interrupted
-        One of them was.
-    """
-    if result.status in STOPPED:
-        raise Interrupted
-    stop_if_pressed()
-    if result.problem.comm is not None and any(exchanged(result.problem.comm, pressed())):
-        raise Interrupted
-
-
-def of_iteration(error: float, value: MeanStd | None) -> ErrorShare:
-    """The algebraic error by its estimate, which is relative and of the whole."""
-    how = "its estimate"
-    if value is None:
-        return ErrorShare(error, how=how)
-    return ErrorShare(error, error * abs(value.mean), None if value.std is None else error * value.std, how)
 
 
 def not_known(result: Result, quantity: Wanted | None) -> Errors:

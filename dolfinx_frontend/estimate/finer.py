@@ -35,8 +35,8 @@ from dolfinx_frontend.geometry.finer import (
     halved,
     size_field,
 )
-from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.geometry.parts import Part
+from dolfinx_frontend.geometry.sizes import SizeField
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import SubstructureSpec

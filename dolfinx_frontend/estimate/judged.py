@@ -24,14 +24,7 @@ from dolfinx_frontend.common.interrupts import Interrupt
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.adaptive import FEW_GERMS, NOT_YET, of_each
 from dolfinx_frontend.estimate.cells import Cells, cells_of
-from dolfinx_frontend.estimate.errors import (
-    DIGIT,
-    FINEST,
-    beside_what_acts,
-    complete,
-    errors,
-    over_ranks,
-)
+from dolfinx_frontend.estimate.errors import DIGIT, beside_what_acts, errors, over_ranks
 from dolfinx_frontend.estimate.finer import MOST_DEGREE
 from dolfinx_frontend.estimate.levels import (
     OF_COARSE,
@@ -48,7 +41,6 @@ from dolfinx_frontend.estimate.mesh_error import (
     with_dual,
 )
 from dolfinx_frontend.estimate.pieces import of_chords_on_ranks
-from dolfinx_frontend.estimate.points import Lost, beside_fields, lost_of_fields
 from dolfinx_frontend.estimate.unseen import of_crossing_chords
 from dolfinx_frontend.estimate.zones import (
     RESOLVED,
@@ -61,18 +53,22 @@ from dolfinx_frontend.estimate.zones import (
     places_of,
     values_of,
 )
+from dolfinx_frontend.evaluate.evaluator import complete
+from dolfinx_frontend.evaluate.model import QuantityModel
+from dolfinx_frontend.moments.fields import Lost, beside_fields, lost_of_fields
 from dolfinx_frontend.plan.plan import Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.errors import ErrorShare, MeanStd, MeshStep, Place, share_of
+from dolfinx_frontend.results.errors import MeshStep, Place
 from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Compared, Interest, Resultant, Wanted
+from dolfinx_frontend.results.resultant import Interest, Resultant, Wanted
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import chaos_on, solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
+from dolfinx_frontend.uncertainty.statistics import FINEST, Compared, ErrorShare, MeanStd, share_of
 
 __all__ = ["MARGIN", "Judged"]
 
@@ -1021,7 +1017,9 @@ class Judged:
         value = chaos.mean_std(self.quantity)
         spread = min(share_of(max(value.std or 0.0, self._least(1e-9)), value.mean), 1.0) or 1e-6
         rtol = of_each(chaos, self.accuracy, spread)
-        found = lost_of_fields(chaos, self.quantity, rtol, value, complete, self.accuracy)
+        model = QuantityModel.of_chaos(chaos, self.quantity)
+        full = model.full_fields()
+        found = None if full is None else lost_of_fields(model, full, rtol, value, self.accuracy)
         if found is None or not isfinite(found.largest):
             return
         self.lost = chaos.problem, found

@@ -19,19 +19,22 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
-from dolfinx_frontend.estimate.errors import FINEST, complete, errors, size_of, whole_of
-from dolfinx_frontend.estimate.points import SETS, SURE, calibrated, solved, wide_points
+from dolfinx_frontend.estimate.errors import errors
+from dolfinx_frontend.evaluate.evaluator import complete
+from dolfinx_frontend.evaluate.model import QuantityModel
+from dolfinx_frontend.evaluate.sampling import sample_on
 from dolfinx_frontend.kernel.fitting import solver_of
 from dolfinx_frontend.kernel.solver import Solver
+from dolfinx_frontend.moments.points import SETS, SURE, calibrated, wide_points
 from dolfinx_frontend.plan.plan import Method, plan_of_random
 from dolfinx_frontend.plan.price import Way
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
+from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solvers.sampling import sample_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.statistics import FINEST, ErrorShare, MeanStd, share_of, size_of, whole_of
 
 __all__ = ["CoarsePoints", "FinePoints", "coarse_points", "fine_points"]
 
@@ -167,12 +170,10 @@ def fine_points(
     whole = whole_of(exact, 1e-10, quantity) or size_of(exact, quantity)
     solver = None
     for points, weights, free, told in _fewer(known, accuracy):
-        on_coarse = solved(known.chaos, points, weights, known.samples.plan.options.rtol, quantity)
-        complete(on_coarse)
-        coarse = quantity.at_end(on_coarse, on_coarse)
+        coarse = QuantityModel.of_chaos(known.chaos, quantity)(points, known.samples.plan.options.rtol).values
         if free:
             weights = _with_moments(weights, coarse, exact)
-        own = MeanStd(*quantity.statistic(coarse, weights))
+        own = quantity.statistic.value(coarse, weights)
         of_mean, of_std = abs(own.mean - exact.mean), abs((own.std or 0.0) - (exact.std or 0.0))
         if max(share_of(of_mean, size_of(exact, quantity)), share_of(of_std, whole)) > OF_RULE * accuracy:
             continue

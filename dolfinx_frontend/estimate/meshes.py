@@ -37,19 +37,19 @@ from dolfinx_frontend.estimate.adaptive import (
     with_errors,
 )
 from dolfinx_frontend.estimate.cells import cells_of
-from dolfinx_frontend.estimate.errors import FINEST, compared_with, why_stopped
+from dolfinx_frontend.estimate.errors import compared_with, why_stopped
 from dolfinx_frontend.estimate.finer import finer
 from dolfinx_frontend.estimate.judged import MARGIN, Judged
 from dolfinx_frontend.estimate.unseen import one_cell_across
 from dolfinx_frontend.estimate.zones import soft_springs
 from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.results.errors import ErrorShare
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Compared, Interest, interest
+from dolfinx_frontend.results.resultant import Interest, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import SubstructureSpec
+from dolfinx_frontend.uncertainty.statistics import FINEST, Compared, ErrorShare
 
 __all__ = ["solve_scene"]
 

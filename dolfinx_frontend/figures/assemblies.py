@@ -10,12 +10,11 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_frontend.assembly.matrix_part import has_mesh
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_kind, checked_number, checked_numbers
+from dolfinx_frontend.common.compat import vertex_nodes
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.results.answer import Answer, check_answer
-from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.compat import vertex_nodes
 from dolfinx_frontend.figures.canvas import (
     fit_height,
     plane_axes,
@@ -28,6 +27,7 @@ from dolfinx_frontend.figures.canvas import (
 )
 from dolfinx_frontend.figures.solids import Skin, Solid, arrow, draw_solid, joined, outline, skin_of
 from dolfinx_frontend.geometry.parts import Assembly
+from dolfinx_frontend.results.answer import Answer, check_answer
 
 __all__ = ["KIND_COLOURS", "assembly_figure", "deformed_figure"]
 

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.loading import load
 from dolfinx_frontend.geometry.med import med_mesh
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.meshing import OPTIONS, generate
 from dolfinx_frontend.geometry.msh import checked_copy
 from dolfinx_frontend.geometry.session import gmsh_session
 from dolfinx_frontend.geometry.sizes import SizeField
-from dolfinx_frontend.geometry.loading import load
 from dolfinx_frontend.geometry.solids import Cut, Loaded, Solid, nearest, solids_of
 from dolfinx_frontend.geometry.touching import Touch, close_faces, touching
 

@@ -44,21 +44,26 @@ from dolfinx_frontend.kernel.spread import PointRanks, agreed_over, one_answer
 from dolfinx_frontend.kernel.subspace import Answer, Subspace
 from dolfinx_frontend.plan.plan import Plan
 
-__all__ = ["OfWalk", "Solver", "locked"]
+__all__ = ["Kept", "OfWalk", "Solver", "locked"]
 
 _log = logging.getLogger(__name__)
 
 
-class OfWalk(TypedDict, total=False):
-    """What a walk over points may be told beside them; all of it as :func:`latin_core.sweep` takes it."""
+class Kept(TypedDict, total=False):
+    """What a walk over points keeps of them, and starts from; as :func:`latin_core.sweep` takes it."""
 
-    header: dict[str, Any] | None
-    progress: Callable[[int, Summary], None] | None
-    callback: Callable[[Iteration], None] | None
     keep_states: bool
     keep_fields: bool
     outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None
     start: Mapping[int, State] | None
+
+
+class OfWalk(Kept, total=False):
+    """What a walk may be told beside the points."""
+
+    header: dict[str, Any] | None
+    progress: Callable[[int, Summary], None] | None
+    callback: Callable[[Iteration], None] | None
 
 
 class Solver:

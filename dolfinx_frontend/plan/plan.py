@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from dolfinx_frontend.assembly.held import check_determined, check_held
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.assembly.ranks import exchanged, together
-from dolfinx_frontend.assembly.held import check_determined, check_held
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,

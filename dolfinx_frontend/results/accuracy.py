@@ -33,7 +33,6 @@ __all__ = [
     "direct_status",
     "ended",
     "known",
-    "largest_of",
     "place_of",
     "remedy",
     "stronger",
@@ -175,11 +174,6 @@ class Corrected:
 def known(errors: Array) -> Array:
     """Estimated errors, NaN where a kernel that knows none says so by infinity."""
     return np.where(np.isfinite(errors), errors, np.nan)
-
-
-def largest_of(errors: Array) -> float:
-    """The largest of some errors (0 of none), or NaN if one is not known."""
-    return float(np.max(errors, initial=0.0)) if np.all(np.isfinite(errors)) else float("nan")
 
 
 def direct_status(accuracy: Accuracy, rtol: float) -> str:

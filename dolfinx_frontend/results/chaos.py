@@ -38,7 +38,6 @@ from dolfinx_frontend.results.answer import (
     timed,
 )
 from dolfinx_frontend.results.contact import BondValues, ContactValues
-from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.results.result import Result
@@ -53,8 +52,9 @@ from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Inputs, Kind, Quantity
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
+from dolfinx_frontend.uncertainty.statistics import NOISE, MeanStd
 
-__all__ = ["NOISE", "ChaosResult", "Sampler", "TruncationError"]
+__all__ = ["ChaosResult", "Sampler", "TruncationError"]
 
 SAMPLES_OF_MOMENTS = 2**12
 """Sobol points from which the moments of the force of a nonlinear law are computed."""
@@ -67,9 +67,6 @@ POINTS_OF_MISFIT = 2**8
 
 TRUSTED = 3.0
 """A stated error is right within this factor."""
-
-NOISE = 100.0
-"""A standard deviation below this many times the tolerance, relative to the mean, is noise."""
 
 
 @dataclass(frozen=True)
@@ -290,7 +287,7 @@ class ChaosResult(Result, StochasticResult):
         what = asked("mean_std", self.problem.interfaces, quantity)
         if not isinstance(what, Resultant):
             values = what.sampled(self)
-            return MeanStd(*what.statistic(values, np.full(len(values), 1.0 / len(values))))
+            return what.statistic.value(values, np.full(len(values), 1.0 / len(values)))
         if what.interface in self.collocations:
             sums = Accumulator()
             for block in self.moment_blocks():
@@ -720,8 +717,8 @@ class ChaosResult(Result, StochasticResult):
         rtol: float | None = None,
     ) -> SampleResult:
         """Deterministic solves at points (N, L) of the germs: as
-        :func:`dolfinx_frontend.solvers.sampling.sample`, on the factorised problem of this result and started
-        from what its chaos predicts; to its tolerance, or to `rtol`."""
+        :func:`dolfinx_frontend.evaluate.sampling.sample`, on the factorised problem of this result and
+        started from what its chaos predicts; to its tolerance, or to `rtol`."""
         return self.sampler(self, germs, weights, kind, keep_states=keep_states, progress=progress, rtol=rtol)
 
     @together("monte_carlo")

@@ -11,55 +11,24 @@ import numpy.typing as npt
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.html import Shown
-from dolfinx_frontend.results.resultant import Compared, Interest, Wanted
+from dolfinx_frontend.results.resultant import Interest, Wanted
+from dolfinx_frontend.uncertainty.statistics import Compared, ErrorShare, MeanStd, share_of
 
 __all__ = [
     "Continuation",
     "EnergyBound",
-    "ErrorShare",
     "Errors",
     "Estimator",
     "Kind",
-    "MeanStd",
     "MeshStep",
     "Place",
     "Source",
     "not_continued",
     "not_measured",
-    "share_of",
 ]
 
 Kind = Literal["estimate", "bound"]
 Source = Literal["algebraic", "truncation", "field", "discretisation"]
-
-
-class MeanStd(NamedTuple):
-    """Mean and standard deviation of a quantity of interest; None: not random."""
-
-    mean: float
-    std: float | None
-
-
-@dataclass(frozen=True)
-class ErrorShare:
-    """One error of an answer.
-
-    Attributes
-    ----------
-    energy
-        Relative, in the energy norm; NaN: not known.
-    quantity
-        Of the quantity of interest (of its mean, if random), absolute, in its unit; None: none was named.
-    std
-        Of its standard deviation, absolute; None: not random.
-    how
-        How it was measured.
-    """
-
-    energy: float
-    quantity: float | None = None
-    std: float | None = None
-    how: str = ""
 
 
 class Place(NamedTuple):
@@ -266,13 +235,6 @@ class Errors(Shown):
         if self.next_halving:
             lines.append(f"  half of it: {self.next_halving}")
         return "\n".join(lines + [f"  {note}" for note in self.notes])
-
-
-def share_of(error: float, whole: float) -> float:
-    """An error relative to the whole; infinite where the whole is nothing."""
-    if whole == 0.0:
-        return 0.0 if error == 0.0 else np.inf
-    return abs(error / whole)
 
 
 class Estimator(Protocol):

@@ -39,9 +39,9 @@ from dolfinx_frontend.results.answer import (
 )
 from dolfinx_frontend.results.bridged import slid
 from dolfinx_frontend.results.moments import Accumulator, of_modes
-from dolfinx_frontend.results.readings import Readings, column_of, read
 from dolfinx_frontend.results.probes import AtPoint, reaction_of
 from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
+from dolfinx_frontend.results.readings import Readings, column_of, read
 from dolfinx_frontend.results.resultant import over_all_ranks
 from dolfinx_frontend.results.sampled_stress import (
     MADE_OF_STRESS,

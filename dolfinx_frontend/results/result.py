@@ -34,7 +34,6 @@ from dolfinx_frontend.results.errors import (
     Errors,
     Estimator,
     Kind,
-    MeanStd,
     not_continued,
     not_measured,
 )
@@ -42,6 +41,7 @@ from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.resultant import Interest, asked
 from dolfinx_frontend.results.surfaces import law_values
 from dolfinx_frontend.results.value import Value
+from dolfinx_frontend.uncertainty.statistics import MeanStd
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
 

@@ -19,9 +19,9 @@ from dolfinx_frontend.common.checks import (
     is_whole,
 )
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.uncertainty.statistics import Compared, Statistic
 
 __all__ = [
-    "Compared",
     "Interest",
     "Measure",
     "Quantile",
@@ -34,30 +34,6 @@ __all__ = [
 
 Of = Literal["force", "jump"]
 _COMPONENTS = ("normal", "shear1", "shear2")
-
-
-@dataclass(frozen=True)
-class Compared:
-    """What errors of a quantity are relative to: its mean, and its deviation, unless this says otherwise.
-
-    Attributes
-    ----------
-    least
-        Size that both count as at least, in the unit of the quantity: beside it a small number is nothing.
-    deviation
-        Whether errors of the mean are relative to the deviation, too.
-    """
-
-    least: float = 0.0
-    deviation: bool = False
-
-    def size(self, mean: float, std: float | None) -> float:
-        """What an error of the mean is relative to."""
-        return max(std if self.deviation and std else abs(mean), self.least)
-
-    def __str__(self) -> str:
-        to = "the deviation" if self.deviation else "itself"
-        return f"relative to {to}" + (f", or to {self.least:.3g} if that is more" if self.least else "")
 
 
 def _itself() -> Any:
@@ -96,13 +72,10 @@ class Resultant:
         """Whether samples must keep their states: force and jump are there without."""
         return False
 
-    def statistic(self, values: Array, weights: Array) -> tuple[float, float | None]:
-        """Mean and deviation of values (N,) with weights (N,) of sum 1."""
-        return _mean_and_std(values, weights)
-
-    def controls(self, values: Array, mean: float, std: float) -> Array:
-        """What a statistic near these is made of, (..., 2), of values that are close to the quantity."""
-        return _powers(values, mean, std)
+    @property
+    def statistic(self) -> Statistic:
+        """What is asked of it where it is random: mean and deviation."""
+        return Statistic(compared=self.compared)
 
     def __post_init__(self) -> None:
         checked_name("Resultant", self.interface)
@@ -205,13 +178,10 @@ class Measure:
         """Whether samples must keep their states: the function may ask for displacements."""
         return True
 
-    def statistic(self, values: Array, weights: Array) -> tuple[float, float | None]:
-        """Mean and deviation of values (N,) with weights (N,) of sum 1."""
-        return _mean_and_std(values, weights)
-
-    def controls(self, values: Array, mean: float, std: float) -> Array:
-        """What a statistic near these is made of, (..., 2), of values that are close to the quantity."""
-        return _powers(values, mean, std)
+    @property
+    def statistic(self) -> Statistic:
+        """What is asked of it where it is random: mean and deviation."""
+        return Statistic(compared=self.compared)
 
     def __str__(self) -> str:
         return self.name
@@ -343,6 +313,11 @@ class Quantile:
         """Interface that the quantity is of; None: it is a function."""
         return self.inner.interface
 
+    @property
+    def statistic(self) -> Statistic:
+        """What is asked of it where it is random: the quantile."""
+        return Statistic(self.level, self.compared)
+
     def __repr__(self) -> str:
         return f"Quantile({self.inner}, {self.level:g})"
 
@@ -368,32 +343,10 @@ class Quantile:
         """The quantity (N,) at samples of a chaos; collective."""
         return self.inner.sampled(result)
 
-    def statistic(self, values: Array, weights: Array) -> tuple[float, float | None]:
-        """The quantile of values (N,) with weights (N,) of sum 1, which has no deviation."""
-        ranked = np.argsort(values)
-        below = np.maximum.accumulate(np.cumsum(weights[ranked]) - 0.5 * weights[ranked])
-        return float(np.interp(self.level, below, values[ranked])), None
-
-    def controls(self, values: Array, mean: float, std: float) -> Array:
-        """What a quantile near `mean` is made of, (..., 1), of values that are close to the quantity."""
-        return np.asarray(values < mean, dtype=np.float64)[..., None]
-
 
 def measure(function: Callable[[Any], Any]) -> Measure:
     """A function of the fields as a quantity, by its own name."""
     return Measure(function, str(getattr(function, "__name__", "quantity")).strip("<>"))
-
-
-def _mean_and_std(values: Array, weights: Array) -> tuple[float, float | None]:
-    """Mean and deviation of values (N,) with weights (N,) of sum 1."""
-    mean = float(weights @ values)
-    return mean, float(np.sqrt(max(float(weights @ (values - mean) ** 2), 0.0)))
-
-
-def _powers(values: Array, mean: float, std: float) -> Array:
-    """Normalised values and their squares, (..., 2)."""
-    v = (values - mean) / std
-    return np.stack([v, v**2], axis=-1)
 
 
 Wanted: TypeAlias = Resultant | Measure | Quantile

@@ -11,7 +11,7 @@ import numpy as np
 from latin_core import Laws, SweepPoints, SweptParameter, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, largest_of
 from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
@@ -19,11 +19,10 @@ from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
-from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.acting import load_factors, stiffness_factors, swept_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import BondValues, ContactValues
-from dolfinx_frontend.results.errors import Errors, Estimator, MeanStd, not_measured
+from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
 from dolfinx_frontend.results.moments import Accumulator
 from dolfinx_frontend.results.resultant import Interest, asked
 from dolfinx_frontend.results.surfaces import law_values
@@ -34,6 +33,7 @@ from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.quantities import Inputs, Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
+from dolfinx_frontend.uncertainty.statistics import MeanStd
 
 __all__ = ["SampleResult"]
 
@@ -82,6 +82,13 @@ class SampleResult(Value, PointResults, StochasticResult):
     def space(self) -> RandomSpace:
         """The germs."""
         return self.random.space
+
+    def joined(self, other: SampleResult) -> SampleResult:
+        """The points of both in this order, all with the same weight."""
+        germs = np.concatenate([self.germs, other.germs])
+        seconds = {k: self.seconds[k] + other.seconds[k] for k in self.seconds}
+        points = self.points.joined(other.points)
+        return replace(self, germs=germs, weights=np.ones(len(germs)), points=points, seconds=seconds)
 
     def check_complete(self) -> None:
         """Refuse statistics of an interrupted sampling.
@@ -207,7 +214,7 @@ class SampleResult(Value, PointResults, StochasticResult):
         collective."""
         what = asked("mean_std", self.problem.interfaces, quantity)
         values = what.at_end(self, self)
-        mean, std = what.statistic(values, self.probabilities)
+        mean, std = what.statistic.value(values, self.probabilities)
         if std is not None and self.statistics == "random" and len(values) > 1:
             std *= float(np.sqrt(len(values) / (len(values) - 1.0)))  # unbiased: independent samples
         return MeanStd(mean, std)

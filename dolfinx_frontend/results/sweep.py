@@ -14,13 +14,13 @@ from latin_core import STATUSES, Laws, State, SweepPoints, SweptParameter
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.arrays import Array, Flags, Ints, largest_of
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.statuses import INEXACT
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of, unsolved
+from dolfinx_frontend.results.accuracy import ended, known, place_of, unsolved
 from dolfinx_frontend.results.acting import STIFFNESS, factors_of, load_factors, mean_number, with_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
 from dolfinx_frontend.results.bridged import bridged

@@ -70,14 +70,13 @@ from dolfinx_frontend.assembly.matrix_part import frames_of
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, one_call
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array, Ints, largest_of
 from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.files import FileError, replaced
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree
 from dolfinx_frontend.formats.meshes import facet_cells, part_arrays
-from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.answer import Surface
 from dolfinx_frontend.results.readings import Readings
 

@@ -10,8 +10,8 @@ from typing import Any, Literal, Protocol, cast, get_args
 import numpy as np
 from dolfinx import mesh as dmesh
 
-from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.checks import check_known, checked_numbers, is_real
+from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import frozen

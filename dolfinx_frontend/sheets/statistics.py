@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, largest_of
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
-from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.answer import Answer
 from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.results.resultant import Interest, Resultant

@@ -16,6 +16,8 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.errors import BalanceError, SceneError
 from dolfinx_frontend.common.statuses import INEXACT, NO_EQUILIBRIUM, SLIDES, STOPPED, UNDECIDED
+from dolfinx_frontend.evaluate.model_limits import check_model
+from dolfinx_frontend.evaluate.support import Support, check_support
 from dolfinx_frontend.kernel.carry import carried
 from dolfinx_frontend.kernel.fitting import SHARE, fitted
 from dolfinx_frontend.kernel.running import within
@@ -24,9 +26,7 @@ from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, accuracy_of_run
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
-from dolfinx_frontend.solvers.model_limits import check_model
 from dolfinx_frontend.solvers.refinement import corrected
-from dolfinx_frontend.solvers.support import Support, check_support
 
 __all__ = ["check_start", "solve_on", "solve_once", "start_states"]
 

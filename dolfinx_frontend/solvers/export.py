@@ -27,6 +27,7 @@ from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.deferred import sp
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import Files, replaced
+from dolfinx_frontend.evaluate import sweep
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import Tree
 from dolfinx_frontend.kernel import bridge
@@ -38,7 +39,7 @@ from dolfinx_frontend.results.runs import NOT_KEPT
 from dolfinx_frontend.results.surfaces import law_contact, surface_of
 from dolfinx_frontend.results.writing import interface_tree, shape_tree
 from dolfinx_frontend.scene.amplitudes import check_times
-from dolfinx_frontend.solvers import galerkin, sweep
+from dolfinx_frontend.solvers import galerkin
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = ["FORMAT", "VERSION", "export"]

@@ -31,6 +31,7 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_word
 from dolfinx_frontend.common.errors import SceneError, warn
+from dolfinx_frontend.evaluate.sampling import sample_chaos
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.fitting import SHARE, fitted
@@ -54,7 +55,6 @@ from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.solvers.collocation import collocation
 from dolfinx_frontend.solvers.deterministic import check_start, start_states
-from dolfinx_frontend.solvers.sampling import sample_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.expressions import Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField

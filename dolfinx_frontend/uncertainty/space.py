@@ -20,8 +20,8 @@ from dolfinx_frontend.common.deferred import linalg, sp, special, stats
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import MemoryLimitError, SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict
-from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
 from dolfinx_frontend.uncertainty.expressions import Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField

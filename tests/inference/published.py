@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import integrate, special, stats
 
-from dolfinx_frontend.inference.design import Cut
+from dolfinx_frontend.rare.design import Cut
 
 Array = npt.NDArray[np.float64]
 Function = Callable[[Array], Array]

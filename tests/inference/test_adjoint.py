@@ -10,7 +10,7 @@ import pytest
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import ProblemFunction, Response
-from dolfinx_frontend.inference.system import REACH, System
+from dolfinx_frontend.evaluate.system import REACH, System
 from tests.inference.joints import RARE, D, K, joints
 from tests.inference.test_function import (
     STEP,
@@ -163,5 +163,5 @@ def test_long_histories_are_worked_out_directly(monkeypatch: pytest.MonkeyPatch)
     function = history()
     x = function.nominal
     function(x)
-    monkeypatch.setattr("dolfinx_frontend.inference.adjoint.MOST_SLOPES", 100.0)
+    monkeypatch.setattr("dolfinx_frontend.evaluate.adjoint.MOST_SLOPES", 100.0)
     assert function.derivatives(x, way="adjoint").way == "direct"

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from dolfinx_frontend.inference.design import (
+from dolfinx_frontend.rare.design import (
     Cut,
     DesignPoint,
     curvatures,
@@ -23,9 +23,9 @@ from dolfinx_frontend.inference.design import (
     second_order,
     worst,
 )
-from dolfinx_frontend.inference.importance import importance_sampling
-from dolfinx_frontend.inference.reliability import chance
-from dolfinx_frontend.inference.tails import (
+from dolfinx_frontend.rare.importance import importance_sampling
+from dolfinx_frontend.rare.reliability import chance
+from dolfinx_frontend.rare.tails import (
     directional_sampling,
     plain_sampling,
     subset_simulation,

@@ -15,7 +15,7 @@ import pytest
 import dolfinx_frontend as lf
 from dolfinx_frontend import KinkWarning, ProblemFunction, Response, SceneError, geometry
 from dolfinx_frontend.common import interrupts
-from dolfinx_frontend.inference import function as function_module
+from dolfinx_frontend.evaluate import evaluator
 from tests.inference.joints import JOINT, K, RARE, D, joints
 
 Array = npt.NDArray[np.float64]
@@ -258,7 +258,7 @@ def test_ctrl_c_when_all_points_are_done_is_not_lost(
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     monkeypatch.setattr(interrupts, "_last_press", float("-inf"))  # two within seconds would raise at once
-    walk = function_module.walked
+    walk = evaluator.walked
 
     def walked(*args: Any, **settings: Any) -> Any:
         found = walk(*args, **settings)
@@ -269,7 +269,7 @@ def test_ctrl_c_when_all_points_are_done_is_not_lost(
     try:
         function = problem.function("joint", options=TIGHT, checkpoint=checkpoint)
         x = np.array([function.nominal, 0.9 * function.nominal])
-        monkeypatch.setattr(function_module, "walked", walked)
+        monkeypatch.setattr(evaluator, "walked", walked)
         with pytest.raises(KeyboardInterrupt, match="2 of 2 points"):
             function(x)
     finally:
@@ -277,7 +277,7 @@ def test_ctrl_c_when_all_points_are_done_is_not_lost(
     function.close()
     if not kept:
         return
-    monkeypatch.setattr(function_module, "walked", lambda *args, **settings: pytest.fail("solved again"))
+    monkeypatch.setattr(evaluator, "walked", lambda *args, **settings: pytest.fail("solved again"))
     again = problem.function("joint", options=TIGHT, checkpoint=checkpoint)
     assert again(x)[:, 0] == pytest.approx(closed(x)[:, 0], rel=1e-8)
     again.close()

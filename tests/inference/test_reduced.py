@@ -10,8 +10,8 @@ import pytest
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import ProblemFunction, Response, geometry
-from dolfinx_frontend.inference import reduced
-from dolfinx_frontend.inference.reduced import FEWEST, Reduced
+from dolfinx_frontend.evaluate import reduced
+from dolfinx_frontend.evaluate.reduced import FEWEST, Reduced
 
 Array = npt.NDArray[np.float64]
 

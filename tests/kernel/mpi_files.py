@@ -32,7 +32,8 @@ from dolfinx_frontend import (
     solve,
     sweep,
 )
-from dolfinx_frontend.inference import function as inference
+from dolfinx_frontend.evaluate import evaluator
+from dolfinx_frontend.evaluate import function as functions
 from latin_core import CheckpointError
 
 GRID = {"j1.normal": [5.0, 20.0, 80.0], "bed2.tangential": [2.0, 3.0]}
@@ -151,8 +152,9 @@ def goes_on(file: Path, last: bool) -> None:
     calls: list[str] = []
 
     def counted(name: str) -> Any:
-        plain = getattr(inference, name)
-        return mock.patch.object(inference, name, lambda *a, **k: calls.append(name) or plain(*a, **k))
+        module: Any = evaluator if name == "walked" else functions
+        plain = getattr(module, name)
+        return mock.patch.object(module, name, lambda *a, **k: calls.append(name) or plain(*a, **k))
 
     settings: dict[str, Any] = {"active": "all", "options": OPTIONS}
     function = problem(function_joint).function(Resultant("j2"), checkpoint=file, **settings)

@@ -21,6 +21,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.evaluate.sweep import sweep
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.plan import Direction, make_plan
 from dolfinx_frontend.scene.amplitudes import Amplitude
@@ -28,7 +29,6 @@ from dolfinx_frontend.scene.laws import Contact, Debonding, Elastic, Law, Preloa
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import monte_carlo
-from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import LogNormal

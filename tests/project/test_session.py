@@ -140,7 +140,7 @@ def run():
     return lf.monte_carlo(problem(random=True), 200, options=slow, checkpoint=path, progress=False)
 
 import logging
-logging.getLogger("dolfinx_frontend.solvers.sweep").disabled = True  # of points that do not converge
+logging.getLogger("dolfinx_frontend.evaluate.sweep").disabled = True  # of points that do not converge
 import threading, pathlib
 class Tell(logging.Handler):
     def emit(self, record):

@@ -22,8 +22,9 @@ from dolfinx_frontend import (
     solve,
     sweep,
 )
+from dolfinx_frontend.common.arrays import largest_of
 from dolfinx_frontend.estimate.errors import next_halving, not_known
-from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run, ended, largest_of, place_of
+from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run, ended, place_of
 
 # by the indicator: before it gives up, a run that is stopped by its error is carried on by other means
 SHORT = Options(rtol=1e-12, max_iterations=3, newton=0, criterion="indicator")

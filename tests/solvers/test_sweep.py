@@ -15,6 +15,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.evaluate.sweep import sweep
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.reference.direct import Monolithic
 from dolfinx_frontend.results.sweep import SweepResult
@@ -22,7 +23,6 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from latin_core import CheckpointError, InputError, Options, snake_order
 from latin_core.checkpoint import _digest

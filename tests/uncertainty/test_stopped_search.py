@@ -28,8 +28,11 @@ from dolfinx_frontend import (
 )
 from dolfinx_frontend.common import interrupts
 from dolfinx_frontend.common.interrupts import Interrupt, Interrupted, late, pressed, stop_if_pressed
-from dolfinx_frontend.estimate import adaptive, by_points, hinges, judged, points
+from dolfinx_frontend.estimate import adaptive, judged
 from dolfinx_frontend.estimate.errors import INTERRUPTED, LATE, why_stopped
+from dolfinx_frontend.evaluate import model
+from dolfinx_frontend.moments import hinges
+from dolfinx_frontend.moments import samples as by_points
 from dolfinx_frontend.results.samples import SampleResult
 
 
@@ -163,7 +166,7 @@ STAGES: dict[str, tuple[Any, str, int, float]] = {
     "the integration over many points": (by_points, "wide_points", 30, 2e-3),
     "the weights of the sets": (by_points, "calibrated", 12, 2e-3),
     "points far out": (by_points, "far_out", 1, 2e-2),
-    "points solved again": (points, "sample_on", 6, 2e-2),
+    "points solved again": (model, "sample_on", 6, 2e-2),
 }
 
 
@@ -218,7 +221,8 @@ def test_all_that_is_kept_on_the_way_is_an_answer(
 ) -> None:
     """Rules, pieces of a germ, samples: each with its weights, and with errors that hold."""
     kept: list[tuple[SampleResult, Errors]] = []
-    monkeypatch.setattr(adaptive._Search, "keep", lambda search, *found: kept.append(found))
+    keep = lambda search, found: kept.append(search._of_moments(found))  # noqa: E731
+    monkeypatch.setattr(adaptive._Search, "keep", keep)
     name = f"j{springs}"
     solve(assemble(chain(springs)), accuracy=accuracy, quantity=name)
     words = ("points per germ", "pieces of the germ", "sets of")
@@ -285,7 +289,7 @@ def test_a_scene_comes_back_on_its_last_mesh(
 def test_ctrl_c_before_a_point_has_begun(monkeypatch: pytest.MonkeyPatch, call: int) -> None:
     """Points that are solved on their own: the one that it falls on has no fields, the others keep theirs."""
     kinked = rods(Contact(gap=Normal("gap", 0.01, std=0.004)))
-    pressed_in(monkeypatch, points, "sample_on", call)
+    pressed_in(monkeypatch, model, "sample_on", call)
     answer = solve(assemble(kinked), accuracy=1e-3, quantity="j0", meshes=False)
     assert not answer.errors().reached
 

@@ -12,19 +12,19 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.points import Panel, kinks_at_ends, misfit_of_halves, panel_points
-from dolfinx_frontend.results.errors import MeanStd
+from dolfinx_frontend.moments.points import Panel, kinks_at_ends, misfit_of_halves, panel_points
 from dolfinx_frontend.reference.energy import energy_error
+from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import LogNormal, Normal
+from dolfinx_frontend.uncertainty.statistics import MeanStd
 
 OPENING = Resultant("layer", "jump")
 BOTH = [OPENING, Resultant("layer", "jump", 2)]

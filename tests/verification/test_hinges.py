@@ -23,8 +23,8 @@ from dolfinx_frontend import (
     geometry,
     solve,
 )
-from dolfinx_frontend.estimate.hinges import hinged
-from dolfinx_frontend.estimate.points import calibrated, wide_points
+from dolfinx_frontend.moments.hinges import hinged
+from dolfinx_frontend.moments.points import calibrated, wide_points
 
 SETS = 8
 LONG, HIGH, MOVE = 10.0, 4.0, 0.01

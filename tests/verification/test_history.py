@@ -12,12 +12,12 @@ from dolfinx_frontend import geometry, reference
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.evaluate.sweep import sweep
 from dolfinx_frontend.plan.plan import Direction, make_plan
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Pressure
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import Normal
 

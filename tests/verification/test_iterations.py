@@ -11,13 +11,13 @@ import pytest
 from dolfinx_frontend import Amplitude, Contact, Elastic, LinearElastic, Scene, assemble, geometry
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.evaluate.sweep import sweep
 from dolfinx_frontend.plan.plan import Direction
 from dolfinx_frontend.reference.direct import ReferenceSolution, monolithic
 from dolfinx_frontend.reference.energy import energy_difference, energy_error
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solvers.deterministic import solve_once
-from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from latin_core import Options
 from parts.lap_joint import lap_joint

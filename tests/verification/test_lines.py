@@ -19,10 +19,10 @@ from dolfinx_frontend import (
     Resultant,
     solve,
 )
-from dolfinx_frontend.estimate.errors import complete
-from dolfinx_frontend.estimate.lines import lines_of
-from dolfinx_frontend.estimate.points import calibrated, wide_points
-from dolfinx_frontend.estimate.tails import _steep
+from dolfinx_frontend.evaluate.model import QuantityModel
+from dolfinx_frontend.moments.lines import lines_of
+from dolfinx_frontend.moments.points import calibrated, wide_points
+from dolfinx_frontend.moments.tails import _steep
 
 END = Resultant("load", "jump")
 OBSERVED = np.exp(1.5 * special.ndtri((np.arange(40) + 0.5) / 40.0))
@@ -84,7 +84,7 @@ def test_functions_of_each_germ_are_orthonormal():
     """For the laws of the germs: by Gauss-Hermite points of the normal score, and by the values."""
     laws = [LogNormal("a", 40.0, cov=0.8), FromSamples("b", 40.0 * OBSERVED), Normal("c", 40.0, cov=0.01)]
     first = solve(layers(*laws), chaos=Chaos(order=1, check_points=0), active="all")
-    lines = lines_of(first, END, 1e-3, 1e-8, [], complete)
+    lines = lines_of(QuantityModel.of_chaos(first, END), 1e-3, 1e-8, [])
     assert lines is not None and lines.known == {0, 1, 2}
     z, weights = np.polynomial.hermite_e.hermegauss(80)
     inside = np.abs(z) < 8.0
@@ -131,4 +131,4 @@ def test_numbers_that_change_like_a_power(law, steep):
     """Far out along a normal load a joint that opens there looked like a tail: "not known" was said of it."""
     first = solve(layers(law), chaos=Chaos(order=1, check_points=0))
     scores = np.array([[-7.0], [-8.0]])
-    assert _steep(first, first.space.from_normal(scores), scores[:, 0]) == steep
+    assert _steep(QuantityModel.of_chaos(first, END), first.space.from_normal(scores), scores[:, 0]) == steep

@@ -32,8 +32,8 @@ from dolfinx_frontend import (
     solve,
 )
 from dolfinx_frontend.estimate.adaptive import of_power
-from dolfinx_frontend.estimate.points import calibrated, wide_points
-from dolfinx_frontend.results.errors import MeanStd
+from dolfinx_frontend.moments.points import calibrated, wide_points
+from dolfinx_frontend.uncertainty.statistics import MeanStd
 
 LENGTH, HEIGHT, FORCE = 10.0, 4.0, 10.0
 

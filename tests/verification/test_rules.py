@@ -9,17 +9,11 @@ from tests.verification.test_hinges import HIGH, LONG, MOVE, stop
 from tests.verification.test_promise import line
 
 from dolfinx_frontend import Chaos, LogNormal, Normal, RandomLaws, Resultant, SampleResult, Uniform, solve
-from dolfinx_frontend.estimate.by_rules import NextDegree, next_degree
-from dolfinx_frontend.estimate.errors import complete
-from dolfinx_frontend.estimate.kinks import error_by_kinks
-from dolfinx_frontend.estimate.points import (
-    EXACT,
-    Witnesses,
-    few_witnesses,
-    solved,
-    solved_alone,
-    wide_points,
-)
+from dolfinx_frontend.evaluate.model import QuantityModel
+from dolfinx_frontend.moments.kinks import error_by_kinks
+from dolfinx_frontend.moments.points import wide_points
+from dolfinx_frontend.moments.rules import NextDegree, next_degree
+from dolfinx_frontend.moments.validation import Witnesses, few_witnesses
 
 YOUNG = 1e5
 SPREAD = 4e-4
@@ -107,13 +101,12 @@ def test_points_alone_and_few_witnesses():
     z = first.space.to_normal(germs)
     k = 40.0 * np.exp(s * z[:, names.index("k")] - 0.5 * s**2)
     truth = force(k, MOVE + SPREAD * z[:, names.index("gap")])
-    for solve_points in (solved, solved_alone):
-        samples = solve_points(first, germs, np.ones(16), 1e-9, FORCE)
-        complete(samples)
-        assert set(samples.points.status) <= set(EXACT)
-        assert np.abs(samples.probabilities - 1.0 / 16.0).max() < 1e-15
-        assert np.abs(FORCE.at_end(samples, samples) - truth).max() < 1e-6 * np.abs(truth).max()
-    counts = [len(few_witnesses(first, FORCE, 1e-6, complete, t).points) for t in (0.1, 1e-2, 1e-4)]
+    model = QuantityModel.of_chaos(first, FORCE)
+    for cold in (False, True):
+        found = model(germs, 1e-9, cold)
+        assert found.exact and np.array_equal(found.points, germs)
+        assert np.abs(found.values - truth).max() < 1e-6 * np.abs(truth).max()
+    counts = [len(few_witnesses(model, 1e-6, t).points) for t in (0.1, 1e-2, 1e-4)]
     assert counts == [8 + 8 + 2, 8 + 12 + 2, 16 + 16 + 2]  # two where the contact opens
 
 

@@ -15,14 +15,14 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.evaluate import sampling
+from dolfinx_frontend.evaluate.support import _Grip, _driven
 from dolfinx_frontend.reference.galerkin import ssfem
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers import sampling
-from dolfinx_frontend.solvers.support import _Grip, _driven
 from dolfinx_frontend.solving import solve
 
 SIDE = 10.0  # mm, cubes of steel

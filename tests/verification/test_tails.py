@@ -40,10 +40,11 @@ from dolfinx_frontend import (
     geometry,
     solve,
 )
-from dolfinx_frontend.estimate.by_points import _Samples
-from dolfinx_frontend.estimate.points import FARTHEST, normal_scores
-from dolfinx_frontend.estimate.tails import Tail
-from dolfinx_frontend.solvers.sampling import sample_on
+from dolfinx_frontend.evaluate.model import QuantityModel
+from dolfinx_frontend.evaluate.sampling import sample_on
+from dolfinx_frontend.moments.points import FARTHEST, normal_scores
+from dolfinx_frontend.moments.samples import _Samples
+from dolfinx_frontend.moments.tails import Tail
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -154,9 +155,8 @@ def test_samples_beside_a_polynomial_that_is_cut_off():
     """Its expectation was that of the polynomial without its ends: off by 25 %, said 6 %."""
     pulled, young = 0.01, 2e5
     problem = layers(Gamma("k0", 1e5, cov=1.0), LogNormal("k1", 1e5, cov=1.0), young=young, pulled=pulled)
-    quantity = Resultant("l0")
     first = solve(problem, chaos=Chaos(order=1))
-    samples = _Samples(first, quantity, 1e-6)
+    samples = _Samples(QuantityModel.of_chaos(first, Resultant("l0")), 1e-6)
     samples.grow(2048)
     said = samples.less(samples.fit(), 1e-4)
     z, w = np.polynomial.legendre.leggauss(200)

@@ -6,7 +6,7 @@ import logging
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -137,12 +137,68 @@ class SweepPoints:
             state.flags.writeable = False
             self.furthest = point, state
 
+    @classmethod
+    def known(
+        cls, forces: dict[str, Array], jumps: dict[str, Array], states: Array, error: Array | None = None
+    ) -> SweepPoints:
+        """Points whose fields and states (points, 2, rows, columns) are known without a run; `error`: theirs."""
+        count = len(states)
+        return cls(
+            iterations=np.zeros(count, dtype=np.int64),
+            error=np.zeros(count) if error is None else error,
+            seconds=np.zeros(count),
+            status=np.full(count, "converged", dtype="<U16"),
+            forces=forces,
+            jumps=jumps,
+            states=states,
+            worst=np.full((count, 2), -1, dtype=np.int64),
+            largest=np.full(count, -1.0),
+        )
+
+    def first(self, count: int) -> SweepPoints:
+        """The first of the points."""
+        if count == len(self.iterations):
+            return self
+        cut = {name: getattr(self, name)[:count] for name in _BY_POINT}
+        named = {
+            what: {name: each[:count] for name, each in getattr(self, what).items()} for what in _BY_NAME
+        }
+        states = None if self.states is None else self.states[:count]
+        return replace(self, **cut, **named, states=states)
+
+    def joined(self, other: SweepPoints) -> SweepPoints:
+        """The points of both in this order; fields that the other has not (it was ended first) are NaN."""
+        count, more = len(self.iterations), len(other.iterations)
+        every = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _BY_POINT}
+        named = {
+            what: {
+                name: np.concatenate(
+                    [each, getattr(other, what).get(name, np.full((more, *each.shape[1:]), np.nan))]
+                )
+                for name, each in getattr(self, what).items()
+            }
+            for what in _BY_NAME
+        }
+        both = self.states is not None and other.states is not None
+        return SweepPoints(
+            **every,
+            **named,
+            histories={**self.histories, **{count + k: each for k, each in other.histories.items()}},
+            order=[*self.order, *(count + k for k in other.order)],
+            states=np.concatenate([self.states, other.states]) if both else None,  # type: ignore[list-item]
+            scatter=min(self.scatter, other.scatter),
+        )
+
     def __repr__(self) -> str:
         reached = self.iterations >= 0
         return (
             f"SweepPoints({int(reached.sum())} of {len(reached)} points solved, "
             f"{int(self.iterations[reached].sum())} iterations)"
         )
+
+
+_BY_POINT = "iterations", "error", "seconds", "status", "worst", "largest"
+_BY_NAME = "forces", "jumps", "outputs"
 
 
 def _check_outputs(outputs: Iterable[str]) -> None:

@@ -1,0 +1,1 @@
+"""Points of an assembly -> answers and numbers: the only place that asks for more than one solve."""

@@ -1,1 +1,0 @@
-"""Questions to an assembly as a function: its values and derivatives, rare events, measured data."""
