@@ -22,8 +22,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from dolfinx_frontend.rare.reliability import chance
 from tests.inference.published import PROBABILITIES, PUBLISHED, Conditions, Published, plane, sobol
+from dolfinx_frontend.rare.chance import chance
 
 HEAD = ("limit state", "variables", "probability", "held", "mean", "scatter", "cov", "points", "most", "by")
 MOST = 20_000

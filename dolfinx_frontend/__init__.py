@@ -23,14 +23,14 @@ from dolfinx_frontend.decks.writing import to_deck as _to_deck  # noqa: F401  a 
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.evaluate.events import Event, Response
 from dolfinx_frontend.evaluate.function import Evaluation, KinkWarning, ProblemFunction
-from dolfinx_frontend.fit.calibration import Fit, Posterior, calibrate
-from dolfinx_frontend.fit.screening import Screening, screen
+from dolfinx_frontend.inference.calibration import Fit, Posterior, calibrate
+from dolfinx_frontend.inference.screening import Screening, screen
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.ways import PricedWay, Ways, compare_ways
-from dolfinx_frontend.rare.reliability import Reliability, reliability
+from dolfinx_frontend.inference.reliability import Reliability, reliability
 from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.results.errors import EnergyBound, Errors
 from dolfinx_frontend.results.probes import AtPoint

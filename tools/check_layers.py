@@ -9,7 +9,8 @@ headers above the folders belong to ``study``; the bindings may use all, and not
 dolfinx. Python: ``latin_core`` imports neither dolfinx nor the frontend. In ``dolfinx_frontend`` every
 module stands in the table `FRONTEND` and imports only what stands before it: sub-packages in the order of
 the table, modules in the order of their sub-package. Imports inside functions and for type checkers count as
-well. Only ``kernel/bridge.py`` imports the compiled module.
+well. Only ``kernel/bridge.py`` imports the compiled module, only ``evaluate`` walks over points, and the
+statistics (``moments``, ``rare``, ``fit``) know nothing of meshes.
 
 Usage: ``check_layers.py [ROOT]``. Prints ``file:line: offence`` and exits with 1 if there is any.
 """
@@ -108,6 +109,8 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "samples",
         "rules",
     ),
+    "rare": ("design", "densities", "tails", "doubled", "importance", "chance"),
+    "fit": ("posterior", "chains"),
     "geometry": (
         "parts",
         "sizes",
@@ -275,8 +278,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "judged",
         "meshes",
     ),
-    "rare": ("design", "densities", "tails", "doubled", "importance", "limit", "reliability"),
-    "fit": ("screening", "posterior", "chains", "calibration"),
+    "inference": ("limit", "reliability", "calibration", "screening"),
     "solving": (),
     "io": ("facets", "paraview"),
     "figures": ("render", "canvas", "solids", "cuts", "assemblies", "interfaces", "stresses", "curves",
@@ -346,6 +348,14 @@ PENDING: frozenset[tuple[str, str]] = frozenset()
 
 WITHOUT_KERNEL = ("common", "scene", "geometry", "figures")
 """Sub-packages that know nothing of ``latin_core``."""
+
+STATISTICS = ("moments", "rare", "fit")
+"""Sub-packages that know of a model what `PointModel`, `Limit` or `Function` has, and nothing of fields."""
+
+FIELDS = ("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "gmsh")
+
+EVALUATING = ("kernel", "evaluate")
+"""Sub-packages that solve at points: others ask `evaluate`."""
 
 FRONTEND_WORDS = ("dolfinx", "dolfinx_frontend", "ufl", "basix", "ffcx")
 
@@ -528,10 +538,14 @@ def check_frontend(root: Path) -> Iterator[Offence]:
                     yield Offence(path, line, "only kernel/bridge.py may import latin_core._core")
                 elif module.split(".")[0] in WITHOUT_KERNEL:
                     yield Offence(path, line, f"{module.split('.')[0]} must not import latin_core")
+            if name.split(".")[0] in FIELDS and module.split(".")[0] in STATISTICS:
+                yield Offence(path, line, f"{module.split('.')[0]} must not import {name}")
     for module, used, path, line, name in uses(frontend):
         place, there = place_of(module), place_of(used)
         if place is None:
             continue
+        if name == "dolfinx_frontend.kernel.fitting.walked" and module.split(".")[0] not in EVALUATING:
+            yield Offence(path, line, "points are solved in evaluate only")
         if there is None:
             yield Offence(path, line, f"{name} is in no module of the table FRONTEND")
             continue

@@ -55,7 +55,7 @@ KERNEL = tuple(
     for name in ("iteration", "substructure", "interface", "algebra", "stochastic", "mortar", "equilibration")
 )
 STATISTICS = tuple(
-    f"dolfinx_frontend/{name}" for name in "estimate evaluate moments rare fit uncertainty".split()
+    f"dolfinx_frontend/{name}" for name in "estimate evaluate inference moments rare fit uncertainty".split()
 )
 # a folder of the kernel and one of the statistics in turns: as many of both
 FOLDERS = tuple(STATISTICS[k // 2 % 3] if k % 2 else KERNEL[k // 2] for k in range(12))

@@ -676,7 +676,7 @@ class _Search:
                     found = beside_tails(found, self.tails, result.space, judges.points)
                     found = found if errors_of(found, quantity).total <= self.accuracy else None
             if found is None and result.space.continuous == (True,) and not self._endless():
-                found = by_panels(model, self.target, each, self.keep, judges, self.tails)
+                found = by_panels(model, self.target, each, judges, self.keep, self.tails)
             if found is not None:
                 return found
         most = MOST_ENDLESS if self._endless() else 0

@@ -20,9 +20,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.deferred import stats
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
-from dolfinx_frontend.evaluate.evaluator import complete
 from dolfinx_frontend.evaluate.model import QuantityModel
-from dolfinx_frontend.evaluate.sampling import sample_on
 from dolfinx_frontend.kernel.fitting import solver_of
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.moments.points import SETS, SURE, calibrated, wide_points
@@ -190,29 +188,21 @@ def fine_points(
             same = plan.columns == before.plan.columns and plan.shares_factors(before.plan)
             kept = before.problem is problem and same
             solver = before if kept else solver_of(problem, plan, before=before)
-        samples = sample_on(
-            solver,
-            random,
-            plan,
-            points,
-            weights,
-            "quadrature",
-            keep_states=quantity.needs_states,
-            scatter=False,
-            estimator=errors,
-        )
-        complete(samples)
-        found = _compared(known, samples, coarse, MeanStd(of_mean, of_std), quantity, told)
+        model = QuantityModel(solver, random, plan, quantity, False, errors)
+        solved = model(points, known.rtol)
+        samples: SampleResult = replace(solved.answer, weights=weights)
+        found = _compared(known, model, samples, coarse, MeanStd(of_mean, of_std), told)
         if found is not None and found.total <= accuracy:
             return FinePoints(samples, found)
     return None
 
 
 def _compared(
-    known: CoarsePoints, samples: SampleResult, coarse: Array, off: MeanStd, quantity: Resultant, told: str
+    known: CoarsePoints, model: QuantityModel, samples: SampleResult, coarse: Array, off: MeanStd, told: str
 ) -> Errors | None:
     """Errors of points of the fine mesh, the same ones having the values `coarse` (n,) on the coarse mesh,
     where they are `off`; None: a point cannot be believed."""
+    quantity = model.quantity
     values = quantity.at_end(samples, samples)
     weights = samples.probabilities
     value = samples.mean_std(quantity)
@@ -240,13 +230,11 @@ def _compared(
     # the most important points and those that stand out, from nothing and tighter
     important = int(np.argmax(np.abs(weights) * (values - value.mean) ** 2))
     apart = int(np.argmax(np.abs(rest)))
-    away = [
-        abs(float(quantity.at_end(again, again)[0] - values[k]))
-        for k in dict.fromkeys([important, apart])
-        for again in [_again(samples, k, quantity)]
-    ]
+    chosen = list(dict.fromkeys([important, apart]))
+    again = model(samples.germs[chosen], max(0.1 * samples.plan.options.rtol, FINEST), cold=True)
+    away = np.abs(again.values - values[chosen]).max()
     how = "points solved again, and tighter"
-    algebraic = ErrorShare(float(np.max(samples.error)), max(away), max(away), how)
+    algebraic = ErrorShare(float(np.max(samples.error)), float(away), float(away), how)
     before = known.samples.mean_std(quantity)
     of_coarse = known.made.truncation
     if of_coarse is None or before.std is None:
@@ -274,21 +262,3 @@ def _size_of_rest(rest: Array, weights: Array, terms: int) -> float:
     free = len(rest) - terms
     size = float(np.sqrt(np.sum(np.abs(weights) * rest**2) * len(rest) / free))
     return size * float(stats.t.ppf(CERTAIN, free) / stats.norm.ppf(CERTAIN))
-
-
-def _again(samples: SampleResult, point: int, quantity: Resultant) -> SampleResult:
-    """A point solved from nothing, to a tenth of the tolerance."""
-    options = samples.plan.options
-    plan = replace(samples.plan, options=options.with_(rtol=max(0.1 * options.rtol, FINEST)))
-    found = sample_on(
-        samples.solver,
-        samples.random,
-        plan,
-        samples.germs[point : point + 1],
-        np.ones(1),
-        "quadrature",
-        keep_states=quantity.needs_states,
-        scatter=False,
-    )
-    complete(found)
-    return found

@@ -1,1 +1,1 @@
-"""Points of an assembly -> answers and numbers: the only place that asks for more than one solve."""
+"""An assembly at many points of what varies: sweeps, samples, functions."""

@@ -1,1 +1,1 @@
-"""Measured data: calibration, and which inputs matter."""
+"""What measured data leave of the inputs of a function."""

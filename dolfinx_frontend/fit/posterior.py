@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +15,9 @@ from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.deferred import linalg, optimize, special, stats
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.evaluate.function import ProblemFunction
 from dolfinx_frontend.uncertainty.space import sobol_points
 
-__all__ = ["Data", "Model", "covariance_of", "modes_of", "weighted"]
+__all__ = ["Data", "Function", "Model", "covariance_of", "modes_of", "weighted"]
 
 TAILS = 5.0
 """Degrees of freedom of the density from which samples are drawn: tails heavier than any posterior's."""
@@ -33,6 +32,28 @@ LOWEST = 12.0
 LEAST_SHARE = 0.2
 CENTRES = 128
 """Samples around which the next are drawn."""
+
+
+class Slopes(Protocol):
+    """Derivatives at a point."""
+
+    @property
+    def values(self) -> Array:
+        """(quantities, inputs)."""
+
+
+class Function(Protocol):
+    """A model of what was measured; :class:`dolfinx_frontend.ProblemFunction` is one."""
+
+    @property
+    def dimension(self) -> int:
+        """Number of inputs."""
+
+    def __call__(self, x: Array) -> Array:
+        """Quantities (N, quantities) at points (N, inputs), or (quantities,) at one (inputs,)."""
+
+    def derivatives(self, x: Array) -> Slopes:
+        """At a point (inputs,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +121,7 @@ class Data:
 class Model:
     """Residuals and their derivatives at points, counted."""
 
-    def __init__(self, function: ProblemFunction, data: Data, scale: Array, origin: Array) -> None:
+    def __init__(self, function: Function, data: Data, scale: Array, origin: Array) -> None:
         self.function, self.data, self.scale, self.origin = function, data, scale, origin
         self.gradients = 0
 

@@ -1,1 +1,1 @@
-"""Means, deviations and quantiles from solved points."""
+"""Means, deviations and quantiles of a function of the germs, by its values at points."""

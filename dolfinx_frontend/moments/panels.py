@@ -45,8 +45,8 @@ def by_panels(
     model: PointModel,
     target: float,
     rtol: float,
-    keep: Keep,
     seen: Witnesses,
+    keep: Keep,
     tails: Sequence[Tail] = (),
 ) -> Moments | None:
     """Gauss rules on pieces of one germ, which are halved around kinks and where witnesses differ from them;

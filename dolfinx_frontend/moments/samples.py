@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from math import isfinite, log2
 from typing import Any, NamedTuple
 
@@ -59,9 +58,6 @@ MOST_BESIDE = 2
 WORTH = 0.9
 """Share of the deviation that is left beside it at most."""
 
-QUANTILE_ROUNDS = 5
-"""Values at most that are tried for a quantile, one after the other."""
-
 SEEN_TO = 0.05
 """Accuracy from which on points far out judge, too."""
 
@@ -74,6 +70,9 @@ FEW_BEYOND = 5e-3
 
 TELLING = 16
 """Samples that must be beyond a score so that they say what is there."""
+
+HALVINGS = 40
+"""Of a range in which a quantile is searched."""
 
 FIRST_COUNT, MOST_COUNT, CHUNK = 1024, 2**18, 2**22
 """Points of a set and of all sets by which what stands for a quantity is integrated, numbers at a time."""
@@ -145,6 +144,7 @@ class _Samples:
         self.labels: Ints = np.zeros(0, dtype=np.int64)
         self.each = 0
         self._known: dict[Any, tuple[Array, Array]] = {}
+        self._fitted: dict[Any, Array] = {}
         self.lines: Lines | None = None
         self.looked_along = False
 
@@ -234,72 +234,120 @@ class _Samples:
     def less(self, fit: Hinged, target: float) -> _Sampled:
         """With what stands for the quantity as exact as polynomials are: its expectation is that of many
         points, and sets that a fit has not seen tell what it lacks."""
-        statistic, level = self.statistic, self.statistic.level
-        known = germs = self.solved.points
+        self._fitted.clear()
+        if self.statistic.level is not None:
+            return self._quantile(fit, target, self.statistic.level)
+        statistic, known = self.statistic, self.solved.points
         about = float(self.drawn @ self.values), self._spread()
-        if level is not None:
-            about = statistic.value(self.values, self.drawn).mean, about[1]
-        for _ in range(QUANTILE_ROUNDS):
-            controls = statistic.controls(self._unseen(fit), *about)
-            means, doubts = self._expected(fit, about, target)
-            lacks = statistic.controls(self.values, *about) - controls
-            own = means + [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
-            every, drawn = self.values, self.drawn
-            free: Array | None = None
-            if fit.functions is not None and self.lines is not None:
-                # what is far out counts in what is expected: points that are there must be in the answer
-                at = self.lines.evaluations.points
-                of_lines = statistic.controls(fit(self.space, at)[:, -1], *about)
-                controls, germs = np.concatenate([controls, of_lines]), np.concatenate([known, at])
-                every = np.concatenate([every, self.lines.values])
-                drawn = np.concatenate([np.where(self.lines.far(known), 0.0, drawn), self.lines.weights])
-                free = np.asarray((1.0 + (controls[:, 0] / AT_REST) ** 2) ** -2.0, dtype=np.float64)
-            expected = means.mean(axis=0)
-            weights = calibrated(self.space, germs, drawn, (controls, expected), MOST_BESIDE, free)
-            value = statistic.value(every, weights)
-            if level is None or value.mean == about[0]:
-                break
-            # the probability is that of being below this value: it must be the quantile itself
-            about = value.mean, about[1]
-        kinks = len(fit.signs)
-        beside = f"a polynomial of degree {fit.order}" + (f" with {kinks} kink(s)" if kinks else "")
-        if fit.functions is not None:
-            beside = f"functions of each germ and their products of degree {fit.order}"
-        how = f"{SETS} sets of {self.each} samples beside {beside}"
-        if level is not None:
-            # a quantile of points is one of their values: by a whole point it is the next one
-            slack = SURE * float(own.std(ddof=1)) / np.sqrt(SETS) + doubts[0]
-            of_level = slack + float(np.abs(weights).max())
-            levels = [min(max(level + d, 1e-12), 1.0 - 1e-12) for d in (-of_level, of_level)]
-            ends = [replace(statistic, level=end).value(self.values, weights).mean for end in levels]
-            return _Sampled(weights, value, max(abs(end - value.mean) for end in ends), 0.0, how)
+        own, doubts, means = self._corrected(fit, about, self._count_of(fit, about, target))
+        controls, germs = statistic.controls(self._unseen(fit), *about), known
+        every, drawn = self.values, self.drawn
+        free: Array | None = None
+        if fit.functions is not None and self.lines is not None:
+            # what is far out counts in what is expected: points that are there must be in the answer
+            at = self.lines.evaluations.points
+            of_lines = statistic.controls(fit(self.space, at)[:, -1], *about)
+            controls, germs = np.concatenate([controls, of_lines]), np.concatenate([known, at])
+            every = np.concatenate([every, self.lines.values])
+            drawn = np.concatenate([np.where(self.lines.far(known), 0.0, drawn), self.lines.weights])
+            free = np.asarray((1.0 + (controls[:, 0] / AT_REST) ** 2) ** -2.0, dtype=np.float64)
+        weights = calibrated(self.space, germs, drawn, (controls, means), MOST_BESIDE, free)
+        value = statistic.value(every, weights)
         squares = np.maximum(own[:, 1] - own[:, 0] ** 2, 0.0)
         each = np.column_stack([about[0] + about[1] * own[:, 0], about[1] * np.sqrt(squares)])
         wrong = SURE * each.std(axis=0, ddof=1) / np.sqrt(SETS) + about[1] * np.array([1.0, 0.5]) * doubts
         wrong += np.abs(each.mean(axis=0) - [value.mean, value.std or 0.0])
-        return _Sampled(weights, value, float(wrong[0]), float(wrong[1]), how)
+        return _Sampled(weights, value, float(wrong[0]), float(wrong[1]), self._how(fit))
 
-    def _expected(self, fit: Hinged, about: tuple[float, float], target: float) -> tuple[Array, Array]:
+    def _quantile(self, fit: Hinged, target: float, level: float) -> _Sampled:
+        """The value at which the distribution of the fit, and of what it lacks, has the level.
+
+        A sample is on another side of that value than the fit says only where the fit is as near to it as it
+        is off: what the sets scatter by is at least what so many samples of that probability do.
+        """
+        about = self.statistic.value(self.values, self.drawn).mean, self._spread()
+        count = self._count_of(fit, about, target)
+
+        def below(value: float) -> float:
+            return float(self._corrected(fit, (value, about[1]), count)[0].mean())
+
+        lower, upper = float(self.values.min()), float(self.values.max())
+        ends = lower - about[1], upper + about[1]
+        value = _crossing(below, level, *ends)
+        own, doubts, _ = self._corrected(fit, (value, about[1]), count)
+        near = [
+            float(self._integrals(fit, (value + off, about[1]), count, slice(SETS, None)).mean())
+            for off in (-fit.rest, fit.rest)
+        ]
+        scatter = max(float(own.std(ddof=1)) / np.sqrt(SETS), np.sqrt((near[1] - near[0]) / len(self.values)))
+        slack = SURE * scatter + float(doubts[0])
+        off = max(abs(_crossing(below, level + d, *ends) - value) for d in (-slack, slack))
+        weights = self._weights_at(value, level)
+        found = self.statistic.value(self.values, weights)
+        return _Sampled(weights, found, off + abs(found.mean - value), 0.0, self._how(fit))
+
+    def _weights_at(self, value: float, level: float) -> Array:
+        """Weights (n,) whose quantile is a value: between its neighbours it is interpolated."""
+        ranked = np.argsort(self.values)
+        upper = int(np.clip(np.searchsorted(self.values[ranked], value), 1, len(ranked) - 1))
+        pair = ranked[[upper - 1, upper]]
+        low, high = self.values[pair]
+        part = float(np.clip((value - low) / (high - low), 0.0, 1.0)) if high > low else 0.5
+        inside = np.asarray(self.values < value, dtype=np.float64)[:, None]
+        weights = self.drawn
+        for _ in range(2):  # what the neighbours weigh says how much must be below
+            one, other = weights[pair]
+            below = np.array([level + 0.5 * one - 0.5 * part * (one + other)])
+            weights = calibrated(
+                self.space, self.solved.points, self.drawn, (inside, below), MOST_BESIDE
+            )
+        return weights
+
+    def _how(self, fit: Hinged) -> str:
+        kinks = len(fit.signs)
+        beside = f"a polynomial of degree {fit.order}" + (f" with {kinks} kink(s)" if kinks else "")
+        if fit.functions is not None:
+            beside = f"functions of each germ and their products of degree {fit.order}"
+        return f"{SETS} sets of {self.each} samples beside {beside}"
+
+    def _corrected(self, fit: Hinged, about: tuple[float, float], count: int) -> tuple[Array, Array, Array]:
+        """Expectations (sets, k) of the controls of the quantity by each set, errors (k,) of the integrals,
+        and the expectations (k,) of the controls of the fits; `count`: points of a set of these, 0: none."""
+        means, doubts = self._expected(fit, about, count)
+        lacks = self.statistic.controls(self.values, *about)
+        lacks = lacks - self.statistic.controls(self._unseen(fit), *about)
+        of_sets = [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
+        return means + of_sets, doubts, means.mean(axis=0)
+
+    def _count_of(self, fit: Hinged, about: tuple[float, float], target: float) -> int:
+        """Points of a set by which a fit is integrated; 0: none, as a polynomial without kinks is exact where
+        it keeps within its range."""
+        if not len(fit.signs) and self.statistic.level is None and self._unbounded(fit):
+            return 0
+        count, most = FIRST_COUNT, min(MOST_COUNT, PER_SAMPLE * len(self.values))
+        while count * SETS < most and self._doubts(fit, about, count).max() > OF_INTEGRAL * target:
+            count *= 4
+        return count
+
+    def _doubts(self, fit: Hinged, about: tuple[float, float], count: int) -> Array:
+        of_all = self._integrals(fit, about, count, slice(SETS, None))
+        doubts: Array = SURE * of_all.std(axis=0, ddof=1)[0] / np.sqrt(SETS)
+        return doubts
+
+    def _expected(self, fit: Hinged, about: tuple[float, float], count: int) -> tuple[Array, Array]:
         """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
 
-        Those of polynomials without kinks are exact where they keep within their range. Of others that of the
-        last one is made by many points, and what the rest differ by, which is little, by fewer.
+        That of the last one is made by many points, and what the rest differ by, which is little, by fewer.
         """
-        if not len(fit.signs) and self.statistic.level is None and self._unbounded(fit):
+        if not count:
             first, rest = fit.coefficients[0, 0], np.sum(fit.coefficients[0, 1:] ** 2, axis=0)
             off = (first - about[0]) / about[1]
             return np.column_stack([off, off**2 + rest / about[1] ** 2])[:-1], np.zeros(2)
-        count, most = FIRST_COUNT, min(MOST_COUNT, PER_SAMPLE * len(self.values))
-        while True:
-            of_all = self._integrals(fit, about, count, slice(SETS, None))
-            doubts = SURE * of_all.std(axis=0, ddof=1)[0] / np.sqrt(SETS)
-            if doubts.max() <= OF_INTEGRAL * target or count * SETS >= most:
-                break
-            count *= 4
+        of_all = self._integrals(fit, about, count, slice(SETS, None))
         every = self._integrals(fit, about, max(count // FEWER, FIRST_COUNT), slice(None))
         beside = every[:, :-1] - every[:, -1:]
-        doubts = doubts + SURE * beside.std(axis=0, ddof=1).max(axis=0) / np.sqrt(SETS)
-        return of_all.mean(axis=0) + beside.mean(axis=0), doubts
+        doubts = SURE * beside.std(axis=0, ddof=1).max(axis=0) / np.sqrt(SETS)
+        return of_all.mean(axis=0) + beside.mean(axis=0), self._doubts(fit, about, count) + doubts
 
     def _unbounded(self, fit: Hinged) -> bool:
         """Whether a fit keeps within its range at wide points: beyond, it is no polynomial."""
@@ -309,17 +357,24 @@ class _Samples:
 
     def _integrals(self, fit: Hinged, about: tuple[float, float], count: int, which: slice) -> Array:
         """Means (SETS, fits, k) of the controls of some fits over as many sets of this many points."""
-        parts = np.array_split(np.arange(count), max(1, count * fit.coefficients.shape[1] // CHUNK))
         found = []
         for seed in range(SETS):
-            points, weights = self._many(count, seed)
-            sums = 0.0
+            values, weights = self._values_of(fit, count, seed, which), self._many(count, seed)[1]
+            found.append(np.einsum("n,nsk->sk", weights, self.statistic.controls(values, *about)))
+        return np.array(found)
+
+    def _values_of(self, fit: Hinged, count: int, seed: int, which: slice) -> Array:
+        """Values (count, fits) of some fits at the points of a set."""
+        key = count, seed, which.start
+        if key not in self._fitted:
+            points = self._many(count, seed)[0]
+            parts = np.array_split(points, max(1, count * fit.coefficients.shape[1] // CHUNK))
+            found = []
             for part in parts:
                 stop_if_pressed()
-                values = fit.of_terms(fit.terms(self.space, points[part]), which)
-                sums = sums + np.einsum("n,nsk->sk", weights[part], self.statistic.controls(values, *about))
-            found.append(sums)
-        return np.array(found)
+                found.append(fit.of_terms(fit.terms(self.space, part), which))
+            self._fitted[key] = np.concatenate(found)
+        return self._fitted[key]
 
     def _many(self, count: int, seed: int) -> tuple[Array, Array]:
         """Points of a set by which what stands for the quantity is integrated, and their weights."""
@@ -398,6 +453,14 @@ class _Samples:
                 middle = normal_scores(self.space, seen.points[[int(np.argmax(rest))]])[0]
         if float(np.linalg.norm(middle)) > FAR_AWAY:
             self.centre = middle
+
+
+def _crossing(rising: Callable[[float], float], level: float, lower: float, upper: float) -> float:
+    """Where a rising function crosses a level, by halving."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (lower + upper)
+        lower, upper = (lower, middle) if rising(middle) >= level else (middle, upper)
+    return 0.5 * (lower + upper)
 
 
 def by_samples(

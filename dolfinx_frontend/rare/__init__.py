@@ -1,1 +1,1 @@
-"""Probabilities of rare events."""
+"""Probabilities of rare events of independent standard normal variables."""

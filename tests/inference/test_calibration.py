@@ -12,7 +12,7 @@ from scipy import stats
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import Fit, Posterior, SceneError, calibrate, geometry
-from dolfinx_frontend.fit.calibration import _Smoothed
+from dolfinx_frontend.inference.calibration import _Smoothed
 from dolfinx_frontend.fit.chains import Chains
 
 Array = npt.NDArray[np.float64]

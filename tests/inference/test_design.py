@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
+from dolfinx_frontend.rare.chance import chance
 from dolfinx_frontend.rare.design import (
     Cut,
     DesignPoint,
@@ -24,7 +25,6 @@ from dolfinx_frontend.rare.design import (
     worst,
 )
 from dolfinx_frontend.rare.importance import importance_sampling
-from dolfinx_frontend.rare.reliability import chance
 from dolfinx_frontend.rare.tails import (
     directional_sampling,
     plain_sampling,

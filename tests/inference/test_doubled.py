@@ -10,10 +10,10 @@ import pytest
 from scipy import stats
 
 import dolfinx_frontend as lf
+from dolfinx_frontend.rare.chance import chance
 from dolfinx_frontend.rare.densities import Mixture
 from dolfinx_frontend.rare.design import DesignPoint
 from dolfinx_frontend.rare.doubled import Predictor, Round, sampled_round
-from dolfinx_frontend.rare.reliability import chance
 from tests.inference.joints import LESS_RARE, exact, joints
 
 Array = npt.NDArray[np.float64]

@@ -8,7 +8,7 @@ from scipy import special
 
 import dolfinx_frontend as lf
 from dolfinx_frontend import SceneError, screen
-from dolfinx_frontend.fit.screening import bounds_of_indices
+from dolfinx_frontend.inference.screening import bounds_of_indices
 from dolfinx_frontend.uncertainty.space import sobol_points
 from tests.inference.joints import D_COV, JOINT, K_COV, D, K, joints, lognormal
 

@@ -26,7 +26,7 @@ from dolfinx_frontend import (
     sweep,
 )
 
-searched: Any = importlib.import_module("dolfinx_frontend.rare.reliability")
+searched: Any = importlib.import_module("dolfinx_frontend.inference.reliability")
 
 ACTIVE = ["j1", "j2", "j3"]
 VALUES = list(np.linspace(15.0, 40.0, 40))

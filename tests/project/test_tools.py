@@ -180,6 +180,21 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
             "1: scene must not import uncertainty.space, which stands above it",
         ),
         (
+            "dolfinx_frontend/moments/rules.py",
+            "from dolfinx_frontend.assembly.problem import Problem\n",
+            "1: moments.rules must not import assembly.problem, which stands above it",
+        ),
+        (
+            "dolfinx_frontend/rare/design.py",
+            "from mpi4py import MPI\n",
+            "1: rare must not import mpi4py.MPI",
+        ),
+        (
+            "dolfinx_frontend/estimate/levels.py",
+            "from dolfinx_frontend.kernel.fitting import walked\n",
+            "1: points are solved in evaluate only",
+        ),
+        (
             "dolfinx_frontend/scene/more.py",
             "",
             "1: scene.more is not in the table FRONTEND of tools/check_layers.py",

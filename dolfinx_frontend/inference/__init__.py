@@ -1,0 +1,1 @@
+"""Questions to an assembly: rare events, measured data, which inputs matter."""
