@@ -108,6 +108,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "panels",
         "samples",
         "rules",
+        "search",
     ),
     "rare": ("design", "densities", "tails", "doubled", "importance", "chance"),
     "fit": ("posterior", "chains"),

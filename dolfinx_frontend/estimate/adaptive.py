@@ -47,18 +47,17 @@ from dolfinx_frontend.evaluate.evaluator import complete
 from dolfinx_frontend.evaluate.model import QuantityModel, errors_of, samples_of
 from dolfinx_frontend.moments.fields import Lost, beside_fields, lost_of_fields
 from dolfinx_frontend.moments.model import Moments
-from dolfinx_frontend.moments.panels import by_panels
-from dolfinx_frontend.moments.rules import by_rules
 from dolfinx_frontend.moments.samples import by_samples
-from dolfinx_frontend.moments.tails import Tail, beside_tails, beyond_all, heavy_tails, note_of, seen_to
-from dolfinx_frontend.moments.validation import Witnesses, few_witnesses, misfit, witnesses
+from dolfinx_frontend.moments.search import FEW_GERMS, endless, moments_to, tails_of, tolerance_of
+from dolfinx_frontend.moments.tails import Tail, beyond_all, note_of, seen_to
+from dolfinx_frontend.moments.validation import Witnesses, misfit, witnesses
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.price import Way, price
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Measure, Quantile, Resultant, Wanted, interest
+from dolfinx_frontend.results.resultant import Interest, Measure, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, carry_on, solve_chaos
@@ -79,7 +78,6 @@ __all__ = [
     "NOT_YET",
     "as_solved",
     "kept_for",
-    "of_each",
     "of_power",
     "solve_to_accuracy",
     "so_far",
@@ -103,8 +101,6 @@ STALLED = 0.6
 SLOWEST = 0.7
 """Largest factor by which errors are assumed to change from one set of modes to the next."""
 
-FEW_GERMS = 3
-"""Most germs that are integrated by tensor rules where a law is nonlinear."""
 
 STEPS = 6
 """Times that a chaos is enlarged by the next degree in every germ and compared with its witnesses."""
@@ -118,18 +114,6 @@ EIGENVECTORS = 3e-9
 RESOLVED = 0.3
 """Tolerance of a chaos whose deviation is small, relative to one that would make noise of it."""
 
-TIGHT = 3e-3
-"""Tolerance of single points, relative to the accuracy of the deviation: a force may be a small part of the
-energy, and the last digits take Newton's method one iteration."""
-
-LOOSEST, LOOSEST_LINEAR, LOOSEST_ALONE = 1e-8, 1e-6, 1e-4
-"""Loosest tolerances of points, of nonlinear laws and of linear ones: a run that starts from a neighbour
-whose contact is open can stay there for two iterations and look converged at 1e-6 (measured: 3 % of the
-points of a chain of soft layers). One that starts from nothing does not: the loosest of these."""
-
-OF_WITNESSES = 6e-3
-"""Tolerance of the witnesses of a rule, relative to the root of the accuracy of the deviation, as squares of
-what they say count; their errors can only be added to what a rule seems to lack."""
 
 LOOSE_FIRST = 0.1
 """Tolerance of a first chaos that only says by how much about a quantity scatters."""
@@ -137,8 +121,6 @@ LOOSE_FIRST = 0.1
 MOST_INSTEAD = 1024
 """Points at most that are tried before a chaos whose modes random fields couple."""
 
-MOST_ENDLESS = 1024
-"""Samples at most where there is no finite deviation."""
 
 PRICE = 1024
 """Points that a chaos may cost at most as much as."""
@@ -467,7 +449,9 @@ class _Search:
             if not curved:
                 self._look(quantity)
         if quantity is not None and self.seen is not None:
-            self._look_far(quantity, self.seen)
+            value = self.result.mean_std(quantity)
+            self.tails = tails_of(self.model, value, self.seen, self.target, self.rtol)
+            self._note_tails(quantity)
         if quantity is not None and (curved or not isinstance(quantity, Resultant) or self._alone()):
             return self._by_points(quantity)
         left, stalled = self._grow(curved)
@@ -532,17 +516,10 @@ class _Search:
         std = self.lost.std * max(value.std or 0.0, quantity.compared.least)
         return ErrorShare(np.nan, mean, std, f"samples of all modes of {self.lost.of}")
 
-    def _spread(self) -> float:
-        """What counts of the quantity beside its mean, at most 1."""
-        if self.quantity is None:
-            return 1.0
-        value = self.result.mean_std(self.quantity)
-        whole = max(value.std or 0.0, self.quantity.compared.least)
-        return min(share_of(whole, value.mean), 1.0) or 1e-6
-
-    def _each(self, spread: float | None = None, loosest: float = LOOSEST) -> float:
+    def _each(self) -> float:
         """Tolerance of single points."""
-        return of_each(self.result, self.target, spread or self._spread(), loosest)
+        assert self.quantity is not None
+        return tolerance_of(self.model, self.target, self.result.mean_std(self.quantity))
 
     def _look(self, quantity: Wanted) -> None:
         """Solve the witnesses, which tells what a point costs, too."""
@@ -626,25 +603,9 @@ class _Search:
             return False
         return rows * modes**3 * EIGENVECTORS <= 1.0 + PRICE * self.per_point
 
-    def _look_far(self, quantity: Wanted, seen: Witnesses) -> None:
-        """Find the tails of the quantity that matter: to moments, not to quantiles."""
-        if isinstance(quantity, Quantile):
-            return
-        value = self.result.mean_std(quantity)
-        size = size_of(value, quantity)
-        least = min(size, whole_of(value, self.rtol, quantity) or size)
-        if not float(np.max(np.abs(seen.values - value.mean))) > 0.1 * self.target * least:
-            return  # rounding beside what matters
-        self.tails = heavy_tails(self.model, seen, value, self.target)
-        note = note_of(self.tails, quantity, self.result.space.germ_names)
-        self.notes += (note,) if note else ()
-
     def _alone(self) -> bool:
         """Whether there are tails for which pieces of the single germ do, or nothing does."""
-        return bool(self.tails) and (self.result.space.dimension == 1 or self._endless())
-
-    def _endless(self) -> bool:
-        return any(tail.power + tail.doubt >= 0.5 for tail in self.tails)
+        return bool(self.tails) and (self.result.space.dimension == 1 or endless(self.tails))
 
     def _by_points(self, quantity: Wanted) -> SampleResult:
         return self._of_points(*self._points_of(quantity))
@@ -655,34 +616,19 @@ class _Search:
 
     def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
         """Solved points instead of a chaos."""
-        return self._of_moments(self._moments(quantity))
-
-    def _moments(self, quantity: Wanted) -> Moments:
-        """Rules that agree with witnesses, pieces of a single germ, or calibrated samples."""
-        result, model, seen, spread = self.result, self.model, self.seen, self._spread()
-        each = self._each(spread)
-        if result.space.dimension <= FEW_GERMS and not isinstance(quantity, Quantile):
-            rtol = self._each(spread, LOOSEST_ALONE)
-            of_seen = OF_WITNESSES * float(np.sqrt(self.target)) * spread
-            of_seen = float(np.clip(of_seen, rtol, LOOSEST_ALONE))
-            judges = seen
-            if judges is None:
-                judges = few_witnesses(model, of_seen, self.target)
-                self._look_far(quantity, judges)
-            found = None
-            if not self._alone():
-                found = by_rules(model, self.target, rtol, judges, self.keep)
-                if found is not None and self.tails:
-                    found = beside_tails(found, self.tails, result.space, judges.points)
-                    found = found if errors_of(found, quantity).total <= self.accuracy else None
-            if found is None and result.space.continuous == (True,) and not self._endless():
-                found = by_panels(model, self.target, each, judges, self.keep, self.tails)
-            if found is not None:
-                return found
-        most = MOST_ENDLESS if self._endless() else 0
-        found, notes = by_samples(model, self.target, each, seen, self.keep, most, self.tails)
+        about, known = self.result.mean_std(quantity), bool(self.tails)
+        accuracy, target, rtol = self.accuracy, self.target, self.rtol
+        found, notes = moments_to(
+            self.model, about, accuracy, target, rtol, self.seen, self.tails, self.keep
+        )
+        if not known:
+            self._note_tails(quantity)
         self.notes += notes
-        return found
+        return self._of_moments(found)
+
+    def _note_tails(self, quantity: Wanted) -> None:
+        note = note_of(self.tails, quantity, self.result.space.germ_names)
+        self.notes += (note,) if note else ()
 
     def _found(self, made: Errors) -> ChaosResult:
         halving = partial(next_halving, self.result)
@@ -755,14 +701,6 @@ class _Search:
         """A chaos that converges too slowly, of which no quantity is asked."""
         left = by_solves(self.result, None).energy
         return self._found(_errors_of_chaos(self.result, None, left, 1.0))
-
-
-def of_each(chaos: ChaosResult, target: float, spread: float, loosest: float = LOOSEST) -> float:
-    """Tolerance of single points on the solver of a chaos: relative to the whole, of which a quantity may
-    scatter by the share `spread` only."""
-    if not chaos.collocations:
-        loosest = LOOSEST_LINEAR
-    return float(np.clip(TIGHT * target * spread, FINEST, loosest))
 
 
 def so_far(chaos: ChaosResult, accuracy: float, quantity: Wanted | None, known: ErrorShare) -> ChaosResult:

@@ -22,7 +22,7 @@ from dolfinx_frontend.common.deferred import special
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.interrupts import Interrupt
 from dolfinx_frontend.common.progress import progress as bars
-from dolfinx_frontend.estimate.adaptive import FEW_GERMS, NOT_YET, of_each
+from dolfinx_frontend.estimate.adaptive import NOT_YET
 from dolfinx_frontend.estimate.cells import Cells, cells_of
 from dolfinx_frontend.estimate.errors import DIGIT, beside_what_acts, errors, over_ranks
 from dolfinx_frontend.estimate.finer import MOST_DEGREE
@@ -56,6 +56,7 @@ from dolfinx_frontend.estimate.zones import (
 from dolfinx_frontend.evaluate.evaluator import complete
 from dolfinx_frontend.evaluate.model import QuantityModel
 from dolfinx_frontend.moments.fields import Lost, beside_fields, lost_of_fields
+from dolfinx_frontend.moments.search import FEW_GERMS, tolerance_of
 from dolfinx_frontend.plan.plan import Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -1015,9 +1016,9 @@ class Judged:
             return
         assert isinstance(self.quantity, Resultant)
         value = chaos.mean_std(self.quantity)
-        spread = min(share_of(max(value.std or 0.0, self._least(1e-9)), value.mean), 1.0) or 1e-6
-        rtol = of_each(chaos, self.accuracy, spread)
         model = QuantityModel.of_chaos(chaos, self.quantity)
+        about = value._replace(std=max(value.std or 0.0, self._least(1e-9)))
+        rtol = tolerance_of(model, self.accuracy, about)
         full = model.full_fields()
         found = None if full is None else lost_of_fields(model, full, rtol, value, self.accuracy)
         if found is None or not isfinite(found.largest):

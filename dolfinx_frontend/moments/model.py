@@ -13,7 +13,14 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array, Flags, largest_of
 from dolfinx_frontend.uncertainty.space import RandomSpace
-from dolfinx_frontend.uncertainty.statistics import ErrorShare, MeanStd, Statistic, of_iteration
+from dolfinx_frontend.uncertainty.statistics import (
+    ErrorShare,
+    MeanStd,
+    Statistic,
+    of_iteration,
+    share_of,
+    size_of,
+)
 
 __all__ = [
     "Contact",
@@ -170,6 +177,14 @@ class Moments:
     algebraic: ErrorShare
     truncation: ErrorShare
     next_halving: str = ""
+
+    def total(self, statistic: Statistic) -> float:
+        """Relative error: the larger one of mean and deviation, of solves and of points together."""
+        size, found = size_of(self.value, statistic), 0.0
+        for each in (self.algebraic, self.truncation):
+            of_std = 0.0 if each.std is None else share_of(each.std, self.whole)
+            found += max(share_of(each.quantity or 0.0, size), of_std)
+        return found
 
 
 UNCONFIRMED = 1.5
