@@ -22,7 +22,7 @@ from latin_core import (
     SweepPoints,
     SweptParameter,
 )
-from latin_core.sweep import Solved
+from latin_core.points import Solved
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, meeting_often

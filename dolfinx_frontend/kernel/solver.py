@@ -27,7 +27,7 @@ from latin_core import (
     SweptParameter,
 )
 from latin_core import sweep as kernel_sweep
-from latin_core.sweep import Solved
+from latin_core.points import Solved
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged

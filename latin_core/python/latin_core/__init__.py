@@ -53,7 +53,8 @@ from latin_core._core import (
 )
 from latin_core.checkpoint import Checkpoint, CheckpointError, CheckpointWarning
 from latin_core.options import Options
-from latin_core.sweep import SweepPoints, SweptParameter, sweep
+from latin_core.points import SweepPoints, SweptParameter
+from latin_core.sweep import sweep
 
 try:
     __version__ = metadata.version("latin-core")

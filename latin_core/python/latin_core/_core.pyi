@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from latin_core.options import Options
 from latin_core.stochastic import Coupling
-from latin_core.sweep import SweptParameter
+from latin_core.points import SweptParameter
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IndexTable: TypeAlias = npt.NDArray[np.int32]
