@@ -150,8 +150,8 @@ class SweepPoints:
         """The first of the points."""
         if count == len(self.iterations):
             return self
-        cut = {name: getattr(self, name)[:count] for name in _BY_POINT}
-        named = {
+        cut: dict[str, Any] = {name: getattr(self, name)[:count] for name in _BY_POINT}
+        named: dict[str, Any] = {
             what: {name: each[:count] for name, each in getattr(self, what).items()} for what in _BY_NAME
         }
         states = None if self.states is None else self.states[:count]
@@ -160,7 +160,9 @@ class SweepPoints:
     def joined(self, other: SweepPoints) -> SweepPoints:
         """The points of both in this order; fields that the other has not (it was ended first) are NaN."""
         count, more = len(self.iterations), len(other.iterations)
-        every: dict[str, Any] = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _BY_POINT}
+        every: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _BY_POINT
+        }
         named: dict[str, Any] = {
             what: {
                 name: np.concatenate(
