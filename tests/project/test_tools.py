@@ -81,12 +81,12 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
         (
             f"{INCLUDE}/iteration/state.hpp",
             '#include "iteration/run.hpp"\n',
-            "1: iteration/run.hpp is not installed: what include/ holds must not include it",
+            "1: iteration/run.hpp is not installed, what include/ holds must not use it",
         ),
         (
             f"{INCLUDE}/iteration/state.hpp",
             '#include "../../../src/iteration/run.hpp"\n',
-            "1: ../../../src/iteration/run.hpp is not installed: what include/ holds must not include it",
+            "1: ../../../src/iteration/run.hpp is not installed, what include/ holds must not use it",
         ),
         (
             "latin_core/src/stochastic/chaos.cpp",
