@@ -5,12 +5,12 @@ C++ kernel: every layer may use those left of it and itself, all may use ``commo
 
     algebra | interface | stochastic | mortar | equilibration | substructure | iteration | study
 
-headers above the folders belong to ``study``; the bindings may use all, and nothing in the kernel names
-dolfinx. Python: ``latin_core`` imports neither dolfinx nor the frontend. In ``dolfinx_frontend`` every
-module stands in the table `FRONTEND` and imports only what stands before it: sub-packages in the order of
-the table, modules in the order of their sub-package. Imports inside functions and for type checkers count as
-well. Only ``kernel/bridge.py`` imports the compiled module, only ``evaluate`` walks over points, and the
-statistics (``moments``, ``rare``, ``fit``) know nothing of meshes.
+headers above the folders belong to ``study``; what is installed (``include``) uses nothing else, the bindings
+may use all, and nothing in the kernel names dolfinx. Python: ``latin_core`` imports neither dolfinx nor the
+frontend. In ``dolfinx_frontend`` every module stands in the table `FRONTEND` and imports only what stands
+before it: sub-packages in the order of the table, modules in the order of their sub-package. Imports inside
+functions and for type checkers count as well. Only ``kernel/bridge.py`` imports the compiled module, only
+``evaluate`` walks over points, and the statistics (``moments``, ``rare``, ``fit``) know nothing of meshes.
 
 Usage: ``check_layers.py [ROOT]``. Prints ``file:line: offence`` and exits with 1 if there is any.
 """
@@ -394,6 +394,7 @@ def layer_of(path: Path, kernel: Path) -> str | None:
 def check_kernel(root: Path) -> Iterator[Offence]:
     """Offences of the C++ files below ``latin_core``."""
     kernel = root / "latin_core"
+    public = kernel / "include"
     known = (COMMON, *LAYERS)
     files = sorted(path for suffix in ("*.hpp", "*.cpp", "*.h") for path in kernel.rglob(suffix))
     for path in files:
@@ -410,7 +411,9 @@ def check_kernel(root: Path) -> Iterator[Offence]:
             used = layer_of(target, kernel)
             if used is None:
                 continue
-            if used not in known:
+            if path.is_relative_to(public) and not target.is_relative_to(public):
+                yield Offence(path, number, f"{name} is not installed, what include/ holds must not use it")
+            elif used not in known:
                 yield Offence(path, number, f"{name} belongs to no known layer")
             elif not may_use(user, used):
                 yield Offence(path, number, f"layer {user} must not include {name} (layer {used})")
@@ -421,8 +424,9 @@ def included(path: Path, kernel: Path) -> Iterator[tuple[int, str, Path]]:
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         if match := _INCLUDE.match(line):
             name = match[1] or match[2]
-            inside = kernel / "include" / name
-            yield number, name, inside if name.startswith("latin/") else (path.parent / name).resolve()
+            above, inside, _ = name.rpartition("/")
+            folder = kernel / ("include" if name.startswith("latin/") else "src")
+            yield number, name, ((folder if inside and above[0] != "." else path.parent) / name).resolve()
 
 
 @functools.cache

@@ -137,7 +137,7 @@ def python_tests(root: Path, path: str) -> list[str]:
 def cpp_filter(root: Path, path: str) -> str:
     """GoogleTest's filter of the suites whose files include a folder of the kernel, or its namespace."""
     folder = Path(path).parent.name
-    use = re.compile(rf'#include "latin/{folder}/|namespace latin::{folder}\b')
+    use = re.compile(rf'#include "(?:latin/)?{folder}/|namespace latin::{folder}\b')
     suites: set[str] = set()
     for each in sorted(root.glob("tests/cpp/test_*.cpp")):
         text = each.read_text(encoding="utf-8")

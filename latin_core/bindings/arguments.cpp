@@ -5,7 +5,7 @@
 #include <limits>
 #include <string_view>
 
-#include "latin/algebra/handle.hpp"
+#include "algebra/handle.hpp"
 #include "latin/common/error.hpp"
 #include "petsc4py_mat.hpp"
 

@@ -11,12 +11,12 @@
 #include <utility>
 #include <vector>
 
+#include "iteration/solver.hpp"
+#include "iteration/sweep.hpp"
 #include "latin/common/communicator.hpp"
 #include "latin/common/sparse_view.hpp"
 #include "latin/common/types.hpp"
-#include "latin/iteration/solver.hpp"
-#include "latin/iteration/sweep.hpp"
-#include "latin/substructure/laws.hpp"
+#include "substructure/laws.hpp"
 
 namespace latin_bindings {
 

@@ -5,8 +5,8 @@
 #include <string>
 
 #include "arguments.hpp"
+#include "interface/interface.hpp"
 #include "latin/common/error.hpp"
-#include "latin/interface/interface.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;

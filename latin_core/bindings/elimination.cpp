@@ -6,9 +6,9 @@
 #include <string>
 #include <utility>
 
+#include "algebra/elimination.hpp"
+#include "algebra/factor.hpp"
 #include "arguments.hpp"
-#include "latin/algebra/elimination.hpp"
-#include "latin/algebra/factor.hpp"
 #include "latin/common/error.hpp"
 
 namespace py = pybind11;

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "latin/equilibration/equilibration.hpp"
+#include "equilibration/equilibration.hpp"
 #include "signals.hpp"
 
 namespace py = pybind11;

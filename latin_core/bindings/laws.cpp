@@ -7,8 +7,8 @@
 #include <memory>
 #include <string_view>
 
+#include "interface/root.hpp"
 #include "latin/interface/law.hpp"
-#include "latin/interface/root.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;

@@ -1,14 +1,14 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "algebra/factor.hpp"
 #include "arguments.hpp"
-#include "latin/algebra/factor.hpp"
+#include "common/outer_lock.hpp"
+#include "common/threads.hpp"
+#include "iteration/sweep.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/outer_lock.hpp"
-#include "latin/common/threads.hpp"
 #include "latin/iteration/options.hpp"
-#include "latin/iteration/sweep.hpp"
-#include "latin/substructure/body.hpp"
+#include "substructure/body.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;

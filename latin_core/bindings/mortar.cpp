@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "latin/common/error.hpp"
-#include "latin/mortar/blocks.hpp"
-#include "latin/mortar/face.hpp"
-#include "latin/mortar/overlap.hpp"
+#include "mortar/blocks.hpp"
+#include "mortar/face.hpp"
+#include "mortar/overlap.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;

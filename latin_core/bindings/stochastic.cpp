@@ -4,14 +4,14 @@
 
 #include <optional>
 
-#include "latin/stochastic/basis.hpp"
-#include "latin/stochastic/coupling.hpp"
-#include "latin/stochastic/galerkin.hpp"
-#include "latin/stochastic/galerkin_operator.hpp"
-#include "latin/stochastic/quadrature.hpp"
-#include "latin/stochastic/statistics.hpp"
-#include "latin/stochastic/transform.hpp"
 #include "petsc4py_mat.hpp"
+#include "stochastic/basis.hpp"
+#include "stochastic/coupling.hpp"
+#include "stochastic/galerkin.hpp"
+#include "stochastic/galerkin_operator.hpp"
+#include "stochastic/quadrature.hpp"
+#include "stochastic/statistics.hpp"
+#include "stochastic/transform.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;

@@ -7,15 +7,15 @@
 #include <set>
 #include <string>
 
+#include "algebra/factor.hpp"
 #include "arguments.hpp"
-#include "latin/algebra/factor.hpp"
+#include "iteration/linearisation.hpp"
+#include "iteration/solver.hpp"
+#include "iteration/sweep.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/linearisation.hpp"
-#include "latin/iteration/solver.hpp"
-#include "latin/iteration/sweep.hpp"
-#include "latin/substructure/global_stage.hpp"
-#include "latin/substructure/local_stage.hpp"
 #include "signals.hpp"
+#include "substructure/global_stage.hpp"
+#include "substructure/local_stage.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;

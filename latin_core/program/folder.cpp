@@ -12,10 +12,10 @@
 #include <set>
 #include <utility>
 
+#include "interface/interface.hpp"
 #include "latin/common/error.hpp"
-#include "latin/interface/interface.hpp"
-#include "latin/study/implementation.hpp"
 #include "sha256.hpp"
+#include "study/implementation.hpp"
 
 // The folder of an exported problem.
 //

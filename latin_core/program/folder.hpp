@@ -9,7 +9,7 @@
 #include "latin/common/communicator.hpp"
 #include "latin/common/error.hpp"
 #include "latin/study.hpp"
-#include "latin/substructure/laws.hpp"
+#include "substructure/laws.hpp"
 #include "tree.hpp"
 
 namespace latin::program {

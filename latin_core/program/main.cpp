@@ -22,10 +22,10 @@
 #include <vector>
 
 #include "answer.hpp"
+#include "common/threads.hpp"
 #include "folder.hpp"
 #include "latin/common/communicator.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/threads.hpp"
 
 namespace {
 

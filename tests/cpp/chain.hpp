@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "latin/iteration/solver.hpp"
-#include "latin/substructure/global_stage.hpp"
-#include "latin/substructure/laws.hpp"
-#include "latin/substructure/local_stage.hpp"
+#include "iteration/solver.hpp"
+#include "substructure/global_stage.hpp"
+#include "substructure/laws.hpp"
+#include "substructure/local_stage.hpp"
 
 /// One-dimensional bars end to end: the smallest scene in which every part of the kernel has work to do.
 namespace chain {

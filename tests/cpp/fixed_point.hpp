@@ -3,9 +3,9 @@
 #include <Eigen/Dense>
 #include <random>
 
+#include "iteration/step.hpp"
 #include "latin/common/types.hpp"
 #include "latin/iteration/state.hpp"
-#include "latin/iteration/step.hpp"
 
 /// A fixed point without any structure: s = M s + b, so that r = (M - 1) s + b, with the traces w = T s.
 namespace fixed_point {

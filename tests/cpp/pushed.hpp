@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "chain.hpp"
-#include "latin/iteration/stages.hpp"
+#include "iteration/stages.hpp"
 
 namespace chain {
 

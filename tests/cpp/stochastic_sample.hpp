@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "latin/common/error.hpp"
-#include "latin/stochastic/basis.hpp"
-#include "latin/stochastic/galerkin.hpp"
-#include "latin/stochastic/germ.hpp"
-#include "latin/stochastic/multi_index.hpp"
+#include "stochastic/basis.hpp"
+#include "stochastic/galerkin.hpp"
+#include "stochastic/germ.hpp"
+#include "stochastic/multi_index.hpp"
 
 /// Germs and index sets that the tests of the stochastic classes share.
 namespace latin::stochastic {

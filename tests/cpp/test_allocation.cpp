@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "algebra/factor.hpp"
 #include "chain.hpp"
-#include "latin/algebra/factor.hpp"
 #include "latin/common/error.hpp"
 
 // The iteration must not allocate blocks: malloc is replaced to count the large requests. glibc only, and not where

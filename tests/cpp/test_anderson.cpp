@@ -3,7 +3,7 @@
 #include <stdexcept>
 
 #include "fixed_point.hpp"
-#include "latin/iteration/anderson.hpp"
+#include "iteration/anderson.hpp"
 
 using fixed_point::Linear;
 using fixed_point::random;

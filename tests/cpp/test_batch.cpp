@@ -3,10 +3,10 @@
 #include <string>
 
 #include "chain.hpp"
+#include "iteration/batch.hpp"
+#include "iteration/sweep.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/batch.hpp"
-#include "latin/iteration/sweep.hpp"
-#include "latin/stochastic/transform.hpp"
+#include "stochastic/transform.hpp"
 
 using latin::Index;
 using latin::Matrix;

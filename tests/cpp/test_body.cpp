@@ -5,7 +5,7 @@
 #include "chain.hpp"
 #include "fixed_point.hpp"
 #include "latin/common/error.hpp"
-#include "latin/substructure/body.hpp"
+#include "substructure/body.hpp"
 
 using fixed_point::random;
 using latin::Index;

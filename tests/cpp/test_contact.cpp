@@ -6,7 +6,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "latin/interface/contact.hpp"
+#include "interface/contact.hpp"
 #include "law_sample.hpp"
 
 namespace latin::interface {

@@ -6,7 +6,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "latin/interface/coulomb.hpp"
+#include "interface/coulomb.hpp"
 #include "law_sample.hpp"
 
 namespace latin::interface {

@@ -1,9 +1,9 @@
 #include <gtest/gtest.h>
 
 #include "latin/common/error.hpp"
-#include "latin/stochastic/coupling.hpp"
-#include "latin/stochastic/galerkin.hpp"
-#include "latin/stochastic/galerkin_operator.hpp"
+#include "stochastic/coupling.hpp"
+#include "stochastic/galerkin.hpp"
+#include "stochastic/galerkin_operator.hpp"
 #include "stochastic_sample.hpp"
 
 namespace latin::stochastic {

@@ -6,7 +6,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "latin/interface/debonding.hpp"
+#include "interface/debonding.hpp"
 #include "law_sample.hpp"
 
 namespace latin::interface {

@@ -6,7 +6,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "latin/interface/elastic.hpp"
+#include "interface/elastic.hpp"
 #include "law_sample.hpp"
 
 namespace latin::interface {

@@ -6,9 +6,9 @@
 #include <random>
 #include <vector>
 
+#include "equilibration/equilibration.hpp"
+#include "equilibration/reference_cell.hpp"
 #include "latin/common/error.hpp"
-#include "latin/equilibration/equilibration.hpp"
-#include "latin/equilibration/reference_cell.hpp"
 #include "threads.hpp"
 
 namespace latin::equilibration {

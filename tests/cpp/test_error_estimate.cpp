@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "fixed_point.hpp"
-#include "latin/iteration/error_estimate.hpp"
+#include "iteration/error_estimate.hpp"
 
 using fixed_point::Linear;
 using fixed_point::random;

@@ -8,8 +8,8 @@
 #include <thread>
 #include <vector>
 
-#include "latin/algebra/elimination.hpp"
-#include "latin/algebra/factor.hpp"
+#include "algebra/elimination.hpp"
+#include "algebra/factor.hpp"
 #include "latin/common/error.hpp"
 #include "threads.hpp"
 

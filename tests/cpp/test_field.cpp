@@ -5,8 +5,8 @@
 
 #include "chain.hpp"
 #include "latin/common/error.hpp"
-#include "latin/substructure/field.hpp"
 #include "stochastic_sample.hpp"
+#include "substructure/field.hpp"
 
 namespace latin::substructure {
 namespace {

@@ -6,7 +6,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "latin/interface/force.hpp"
+#include "interface/force.hpp"
 #include "law_sample.hpp"
 
 namespace latin::interface {

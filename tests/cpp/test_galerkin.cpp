@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
-#include "latin/stochastic/galerkin.hpp"
-#include "latin/stochastic/quadrature.hpp"
+#include "stochastic/galerkin.hpp"
+#include "stochastic/quadrature.hpp"
 #include "stochastic_sample.hpp"
 
 namespace latin::stochastic {

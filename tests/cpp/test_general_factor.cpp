@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "latin/algebra/general_factor.hpp"
+#include "algebra/general_factor.hpp"
 #include "latin/common/error.hpp"
 
 namespace {

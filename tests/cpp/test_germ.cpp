@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "latin/stochastic/germ.hpp"
+#include "stochastic/germ.hpp"
 #include "stochastic_sample.hpp"
 
 namespace latin::stochastic {

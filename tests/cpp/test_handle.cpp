@@ -9,7 +9,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "latin/algebra/handle.hpp"
+#include "algebra/handle.hpp"
 #include "latin/common/error.hpp"
 
 using latin::algebra::MatHandle;

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "latin/interface/held.hpp"
+#include "interface/held.hpp"
 #include "law_sample.hpp"
 
 namespace latin::interface {

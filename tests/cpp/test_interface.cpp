@@ -6,7 +6,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "latin/interface/interface.hpp"
+#include "interface/interface.hpp"
 #include "law_sample.hpp"
 
 namespace latin::interface {

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "bars.hpp"
-#include "latin/substructure/interface_system.hpp"
+#include "substructure/interface_system.hpp"
 
 namespace latin::substructure {
 

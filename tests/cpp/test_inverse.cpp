@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 #include <Eigen/Cholesky>
 
-#include "latin/algebra/inverse.hpp"
+#include "algebra/inverse.hpp"
 
 using latin::Index;
 using latin::Matrix;

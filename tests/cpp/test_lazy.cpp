@@ -5,7 +5,7 @@
 #include <thread>
 #include <vector>
 
-#include "latin/common/lazy.hpp"
+#include "common/lazy.hpp"
 
 TEST(Lazy, IsMadeOnceWhoeverAsks) {
   const latin::Lazy<int> value;

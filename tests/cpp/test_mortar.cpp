@@ -5,11 +5,11 @@
 #include <random>
 
 #include "latin/common/error.hpp"
-#include "latin/mortar/blocks.hpp"
-#include "latin/mortar/box_tree.hpp"
-#include "latin/mortar/face.hpp"
-#include "latin/mortar/overlap.hpp"
-#include "latin/mortar/polygon.hpp"
+#include "mortar/blocks.hpp"
+#include "mortar/box_tree.hpp"
+#include "mortar/face.hpp"
+#include "mortar/overlap.hpp"
+#include "mortar/polygon.hpp"
 #include "threads.hpp"
 
 namespace latin::mortar {

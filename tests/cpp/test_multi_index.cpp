@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "latin/stochastic/multi_index.hpp"
+#include "stochastic/multi_index.hpp"
 #include "stochastic_sample.hpp"
 
 namespace latin::stochastic {

@@ -1,9 +1,9 @@
-#include "latin/iteration/newton.hpp"
+#include "iteration/newton.hpp"
 
 #include <gtest/gtest.h>
 
 #include "bars.hpp"
-#include "latin/iteration/krylov.hpp"
+#include "iteration/krylov.hpp"
 #include "pushed.hpp"
 
 namespace latin::iteration {

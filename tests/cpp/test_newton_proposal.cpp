@@ -5,8 +5,8 @@
 #include <limits>
 #include <tuple>
 
+#include "iteration/newton_proposal.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/newton_proposal.hpp"
 
 using latin::Index;
 using latin::Matrix;

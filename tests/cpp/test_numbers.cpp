@@ -5,11 +5,11 @@
 #include <vector>
 
 #include "bars.hpp"
+#include "common/numbers.hpp"
+#include "iteration/error_estimate.hpp"
+#include "iteration/linearisation.hpp"
+#include "iteration/stages.hpp"
 #include "latin/common/communicator.hpp"
-#include "latin/common/numbers.hpp"
-#include "latin/iteration/error_estimate.hpp"
-#include "latin/iteration/linearisation.hpp"
-#include "latin/iteration/stages.hpp"
 
 using latin::Index;
 using latin::Matrix;

@@ -6,7 +6,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "latin/interface/preload.hpp"
+#include "interface/preload.hpp"
 #include "law_sample.hpp"
 
 namespace latin::interface {

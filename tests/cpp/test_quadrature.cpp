@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "latin/stochastic/quadrature.hpp"
+#include "stochastic/quadrature.hpp"
 #include "stochastic_sample.hpp"
 
 namespace latin::stochastic {

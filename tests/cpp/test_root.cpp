@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "latin/interface/root.hpp"
+#include "interface/root.hpp"
 
 namespace latin::interface {
 namespace {

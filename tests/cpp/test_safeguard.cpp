@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "latin/iteration/safeguard.hpp"
+#include "iteration/safeguard.hpp"
 
 using latin::Index;
 using latin::Matrix;

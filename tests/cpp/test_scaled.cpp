@@ -3,9 +3,9 @@
 #include <cmath>
 
 #include "chain.hpp"
+#include "iteration/sweep.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/sweep.hpp"
-#include "latin/substructure/scaled.hpp"
+#include "substructure/scaled.hpp"
 
 namespace latin::substructure {
 namespace {

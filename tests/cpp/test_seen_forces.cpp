@@ -3,8 +3,8 @@
 #include <cmath>
 #include <memory>
 
-#include "latin/substructure/seen_forces.hpp"
-#include "latin/substructure/structure.hpp"
+#include "substructure/seen_forces.hpp"
+#include "substructure/structure.hpp"
 
 namespace {
 

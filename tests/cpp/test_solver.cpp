@@ -6,8 +6,8 @@
 #include <set>
 
 #include "chain.hpp"
+#include "iteration/sweep.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/sweep.hpp"
 #include "pushed.hpp"
 
 using latin::Index;

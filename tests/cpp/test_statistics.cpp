@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "latin/stochastic/statistics.hpp"
+#include "stochastic/statistics.hpp"
 #include "stochastic_sample.hpp"
 
 namespace latin::stochastic {

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "fixed_point.hpp"
-#include "latin/iteration/step.hpp"
+#include "iteration/step.hpp"
 
 using fixed_point::Linear;
 using fixed_point::random;

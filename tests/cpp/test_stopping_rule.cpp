@@ -2,8 +2,8 @@
 
 #include <limits>
 
+#include "iteration/stopping_rule.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/stopping_rule.hpp"
 
 using latin::Index;
 using latin::iteration::Iteration;

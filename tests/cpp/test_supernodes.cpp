@@ -12,7 +12,7 @@
 #include <limits>
 #include <random>
 
-#include "latin/algebra/supernodes.hpp"
+#include "algebra/supernodes.hpp"
 #include "latin/common/types.hpp"
 #include "threads.hpp"
 

@@ -5,9 +5,9 @@
 
 #include "bars.hpp"
 #include "latin/common/error.hpp"
-#include "latin/substructure/interface_system.hpp"
-#include "latin/substructure/tangent.hpp"
 #include "pushed.hpp"
+#include "substructure/interface_system.hpp"
+#include "substructure/tangent.hpp"
 
 namespace latin::substructure {
 namespace {

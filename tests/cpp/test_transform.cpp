@@ -1,8 +1,8 @@
 #include <gtest/gtest.h>
 
-#include "latin/stochastic/galerkin.hpp"
-#include "latin/stochastic/quadrature.hpp"
-#include "latin/stochastic/transform.hpp"
+#include "stochastic/galerkin.hpp"
+#include "stochastic/quadrature.hpp"
+#include "stochastic/transform.hpp"
 #include "stochastic_sample.hpp"
 
 namespace latin::stochastic {

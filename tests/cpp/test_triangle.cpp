@@ -3,8 +3,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "latin/algebra/dense_lu.hpp"
-#include "latin/algebra/triangle.hpp"
+#include "algebra/dense_lu.hpp"
+#include "algebra/triangle.hpp"
 #include "threads.hpp"
 
 using latin::Index;

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "fixed_point.hpp"
-#include "latin/iteration/verification.hpp"
+#include "iteration/verification.hpp"
 #include "pushed.hpp"
 
 namespace latin::iteration {

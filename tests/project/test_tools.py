@@ -40,9 +40,9 @@ INCLUDE = "latin_core/include/latin"
         (f"{INCLUDE}/interface/law.hpp", '#include "latin/algebra/mat.hpp"\n'),
         (f"{INCLUDE}/interface/law.hpp", '#include "latin/interface/points.hpp"\n'),
         (f"{INCLUDE}/algebra/mat.hpp", '#include "latin/common/types.hpp"\n'),
-        ("latin_core/src/iteration/solver.cpp", '#include "latin/substructure/body.hpp"\n'),
+        ("latin_core/src/iteration/solver.cpp", '#include "substructure/body.hpp"\n'),
         ("latin_core/src/iteration/solver.cpp", '#include "detail.hpp"\n'),
-        ("latin_core/bindings/core.cpp", '#include "latin/iteration/solver.hpp"\n'),
+        ("latin_core/bindings/core.cpp", '#include "iteration/solver.hpp"\n'),
         (f"{INCLUDE}/all.hpp", '#include "latin/iteration/solver.hpp"\n'),
         ("latin_core/python/latin_core/run.py", "from . import _core\n"),
         ("dolfinx_frontend/kernel/bridge.py", "from latin_core import _core\n"),
@@ -70,8 +70,23 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
         ),
         (
             "latin_core/src/interface/law.cpp",
-            "#include <latin/iteration/solver.hpp>\n",
-            "1: layer interface must not include latin/iteration/solver.hpp (layer iteration)",
+            "#include <latin/iteration/options.hpp>\n",
+            "1: layer interface must not include latin/iteration/options.hpp (layer iteration)",
+        ),
+        (
+            "latin_core/src/interface/law.hpp",
+            '#include "iteration/solver.hpp"\n',
+            "1: layer interface must not include iteration/solver.hpp (layer iteration)",
+        ),
+        (
+            f"{INCLUDE}/iteration/state.hpp",
+            '#include "iteration/run.hpp"\n',
+            "1: iteration/run.hpp is not installed, what include/ holds must not use it",
+        ),
+        (
+            f"{INCLUDE}/iteration/state.hpp",
+            '#include "../../../src/iteration/run.hpp"\n',
+            "1: ../../../src/iteration/run.hpp is not installed, what include/ holds must not use it",
         ),
         (
             "latin_core/src/stochastic/chaos.cpp",

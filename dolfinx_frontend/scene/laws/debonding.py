@@ -27,7 +27,7 @@ class Debonding(Law):
     In compression f_n = kappa_n j_n always. The jumps count as
     lambda^2 = <j_n>^2 + (tangential / normal) |j_t|^2, so that the energy of separation is the same in every
     mode, and the strength in shear is sqrt(tangential / normal) times that in traction (Alfano and
-    Crisfield 2001; the equations are in ``latin/interface/debonding.hpp``).
+    Crisfield 2001; the equations are in ``latin_core/src/interface/debonding.hpp``).
 
     The law softens: the search direction must be larger than strength / (opening - strength / normal), twice
     that with two sides. The plan's is raised where it is not. Where the structure is softer than that slope,

@@ -1,11 +1,11 @@
-#include "latin/algebra/dense_lu.hpp"
+#include "algebra/dense_lu.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cstddef>
 
-#include "latin/algebra/lapack.hpp"
-#include "latin/common/threads.hpp"
+#include "algebra/lapack.hpp"
+#include "common/threads.hpp"
 
 namespace latin::algebra {
 namespace {

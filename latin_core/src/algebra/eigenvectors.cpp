@@ -1,9 +1,9 @@
-#include "latin/algebra/eigenvectors.hpp"
+#include "algebra/eigenvectors.hpp"
 
 #include <cstddef>
 #include <vector>
 
-#include "latin/algebra/lapack.hpp"
+#include "algebra/lapack.hpp"
 
 namespace latin::algebra {
 

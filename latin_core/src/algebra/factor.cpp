@@ -1,4 +1,4 @@
-#include "latin/algebra/factor.hpp"
+#include "algebra/factor.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -17,9 +17,9 @@
 #include <unordered_map>
 #include <vector>
 
-#include "latin/algebra/elimination.hpp"
-#include "latin/algebra/handle.hpp"
-#include "latin/algebra/supernodes.hpp"
+#include "algebra/elimination.hpp"
+#include "algebra/handle.hpp"
+#include "algebra/supernodes.hpp"
 #include "latin/common/error.hpp"
 
 #ifdef LATIN_HAVE_CHOLMOD

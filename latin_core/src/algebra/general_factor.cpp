@@ -1,4 +1,4 @@
-#include "latin/algebra/general_factor.hpp"
+#include "algebra/general_factor.hpp"
 
 #include "latin/common/error.hpp"
 

@@ -1,4 +1,4 @@
-#include "latin/algebra/handle.hpp"
+#include "algebra/handle.hpp"
 
 #include <cmath>
 #include <memory>

@@ -1,6 +1,6 @@
-#include "latin/algebra/inverse.hpp"
+#include "algebra/inverse.hpp"
 
-#include "latin/algebra/lapack.hpp"
+#include "algebra/lapack.hpp"
 
 namespace latin::algebra {
 

@@ -1,10 +1,10 @@
-#include "latin/algebra/sparse_product.hpp"
+#include "algebra/sparse_product.hpp"
 
 #include <array>
 #include <cstddef>
 #include <vector>
 
-#include "latin/common/numbers.hpp"
+#include "common/numbers.hpp"
 
 // the compiler makes several versions, and the machine takes its own
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \

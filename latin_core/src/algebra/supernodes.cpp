@@ -1,4 +1,4 @@
-#include "latin/algebra/supernodes.hpp"
+#include "algebra/supernodes.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,9 +7,9 @@
 #include <utility>
 #include <vector>
 
-#include "latin/algebra/lapack.hpp"
+#include "algebra/lapack.hpp"
+#include "common/threads.hpp"
 #include "latin/common/interrupt.hpp"
-#include "latin/common/threads.hpp"
 
 namespace latin::algebra {
 namespace {

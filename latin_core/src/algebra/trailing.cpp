@@ -1,4 +1,4 @@
-#include "latin/algebra/trailing.hpp"
+#include "algebra/trailing.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>

@@ -1,8 +1,8 @@
-#include "latin/algebra/triangle.hpp"
+#include "algebra/triangle.hpp"
 
 #include <algorithm>
 
-#include "latin/common/threads.hpp"
+#include "common/threads.hpp"
 
 namespace latin::algebra {
 namespace {

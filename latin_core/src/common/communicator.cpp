@@ -8,9 +8,9 @@
 #include <numeric>
 #include <thread>
 
+#include "common/exchange.hpp"
+#include "common/outer_lock.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/exchange.hpp"
-#include "latin/common/outer_lock.hpp"
 
 namespace latin {
 namespace {

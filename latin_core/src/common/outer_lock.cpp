@@ -1,4 +1,4 @@
-#include "latin/common/outer_lock.hpp"
+#include "common/outer_lock.hpp"
 
 namespace latin {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/common/threads.hpp"
+#include "common/threads.hpp"
 
 #ifdef __linux__
 #include <sched.h>

@@ -1,4 +1,4 @@
-#include "latin/equilibration/equilibration.hpp"
+#include "equilibration/equilibration.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -7,8 +7,8 @@
 #include <string>
 #include <utility>
 
+#include "common/threads.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/threads.hpp"
 
 namespace latin::equilibration {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/equilibration/equilibration.hpp"
+#include "equilibration/equilibration.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

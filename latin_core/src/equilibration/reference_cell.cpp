@@ -1,13 +1,13 @@
-#include "latin/equilibration/reference_cell.hpp"
+#include "equilibration/reference_cell.hpp"
 
 #include <Eigen/Dense>
 #include <cmath>
 #include <string>
 #include <utility>
 
+#include "common/threads.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/threads.hpp"
-#include "latin/stochastic/germ.hpp"
+#include "stochastic/germ.hpp"
 
 namespace latin::equilibration {
 namespace {

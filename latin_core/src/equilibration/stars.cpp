@@ -1,4 +1,4 @@
-#include "latin/equilibration/equilibration.hpp"
+#include "equilibration/equilibration.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -7,9 +7,9 @@
 #include <map>
 #include <utility>
 
-#include "latin/algebra/lapack.hpp"
+#include "algebra/lapack.hpp"
+#include "common/threads.hpp"
 #include "latin/common/interrupt.hpp"
-#include "latin/common/threads.hpp"
 
 namespace latin::equilibration {
 namespace {

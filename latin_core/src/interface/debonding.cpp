@@ -1,4 +1,4 @@
-#include "latin/interface/debonding.hpp"
+#include "interface/debonding.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "latin/interface/elastic.hpp"
+#include "interface/elastic.hpp"
 
 #include <limits>
 

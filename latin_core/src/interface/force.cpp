@@ -1,4 +1,4 @@
-#include "latin/interface/force.hpp"
+#include "interface/force.hpp"
 
 #include <limits>
 

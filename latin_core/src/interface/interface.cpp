@@ -1,4 +1,4 @@
-#include "latin/interface/interface.hpp"
+#include "interface/interface.hpp"
 
 #include "latin/common/error.hpp"
 

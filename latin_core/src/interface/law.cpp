@@ -4,15 +4,15 @@
 #include <type_traits>
 #include <typeinfo>
 
-#include "latin/interface/built_in.hpp"
-#include "latin/interface/contact.hpp"
-#include "latin/interface/coulomb.hpp"
-#include "latin/interface/debonding.hpp"
-#include "latin/interface/elastic.hpp"
-#include "latin/interface/force.hpp"
-#include "latin/interface/held.hpp"
-#include "latin/interface/perfect.hpp"
-#include "latin/interface/preload.hpp"
+#include "interface/built_in.hpp"
+#include "interface/contact.hpp"
+#include "interface/coulomb.hpp"
+#include "interface/debonding.hpp"
+#include "interface/elastic.hpp"
+#include "interface/force.hpp"
+#include "interface/held.hpp"
+#include "interface/perfect.hpp"
+#include "interface/preload.hpp"
 
 namespace latin::interface {
 

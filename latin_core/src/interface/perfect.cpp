@@ -1,4 +1,4 @@
-#include "latin/interface/perfect.hpp"
+#include "interface/perfect.hpp"
 
 #include <limits>
 

@@ -1,4 +1,4 @@
-#include "latin/interface/root.hpp"
+#include "interface/root.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>

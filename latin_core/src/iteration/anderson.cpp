@@ -1,4 +1,4 @@
-#include "latin/iteration/anderson.hpp"
+#include "iteration/anderson.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "latin/common/threads.hpp"
+#include "common/threads.hpp"
 
 namespace latin::iteration {
 namespace {

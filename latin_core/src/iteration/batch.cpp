@@ -1,4 +1,4 @@
-#include "latin/iteration/batch.hpp"
+#include "iteration/batch.hpp"
 
 #include <Eigen/QR>
 #include <algorithm>
@@ -8,13 +8,13 @@
 #include <span>
 #include <string>
 
+#include "common/numbers.hpp"
+#include "iteration/anderson.hpp"
+#include "iteration/error_estimate.hpp"
+#include "iteration/stages.hpp"
+#include "iteration/step.hpp"
+#include "iteration/verification.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/numbers.hpp"
-#include "latin/iteration/anderson.hpp"
-#include "latin/iteration/error_estimate.hpp"
-#include "latin/iteration/stages.hpp"
-#include "latin/iteration/step.hpp"
-#include "latin/iteration/verification.hpp"
 
 namespace latin::iteration {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/iteration/dense_skeleton.hpp"
+#include "iteration/dense_skeleton.hpp"
 
 #include <Eigen/QR>
 #include <algorithm>

@@ -1,11 +1,11 @@
-#include "latin/iteration/error_estimate.hpp"
+#include "iteration/error_estimate.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
-#include "latin/common/numbers.hpp"
+#include "common/numbers.hpp"
 
 namespace latin::iteration {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/iteration/joined_system.hpp"
+#include "iteration/joined_system.hpp"
 
 #include "latin/common/error.hpp"
 

@@ -1,14 +1,14 @@
-#include "latin/iteration/linearisation.hpp"
+#include "iteration/linearisation.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
+#include "common/numbers.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/numbers.hpp"
-#include "latin/substructure/coupled.hpp"
-#include "latin/substructure/interface_system.hpp"
+#include "substructure/coupled.hpp"
+#include "substructure/interface_system.hpp"
 
 namespace latin::iteration {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/iteration/newton.hpp"
+#include "iteration/newton.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,9 +7,9 @@
 #include <utility>
 #include <vector>
 
+#include "iteration/dense_skeleton.hpp"
+#include "iteration/sparse_skeleton.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/dense_skeleton.hpp"
-#include "latin/iteration/sparse_skeleton.hpp"
 
 namespace latin::iteration {
 namespace {

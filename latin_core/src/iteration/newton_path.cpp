@@ -3,9 +3,9 @@
 #include <limits>
 #include <utility>
 
+#include "common/numbers.hpp"
+#include "iteration/newton.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/numbers.hpp"
-#include "latin/iteration/newton.hpp"
 
 namespace latin::iteration {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/iteration/newton_proposal.hpp"
+#include "iteration/newton_proposal.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "latin/iteration/run.hpp"
+#include "iteration/run.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-#include "latin/common/numbers.hpp"
+#include "common/numbers.hpp"
 
 namespace latin::iteration {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/iteration/safeguard.hpp"
+#include "iteration/safeguard.hpp"
 
 #include <algorithm>
 

@@ -1,12 +1,12 @@
-#include "latin/iteration/solver.hpp"
+#include "iteration/solver.hpp"
 
 #include <string>
 #include <vector>
 
+#include "common/threads.hpp"
+#include "iteration/run.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/threads.hpp"
-#include "latin/iteration/run.hpp"
-#include "latin/substructure/global_stage.hpp"
+#include "substructure/global_stage.hpp"
 
 namespace latin::iteration {
 

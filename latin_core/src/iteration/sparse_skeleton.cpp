@@ -1,4 +1,4 @@
-#include "latin/iteration/sparse_skeleton.hpp"
+#include "iteration/sparse_skeleton.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
@@ -7,9 +7,9 @@
 #include <limits>
 #include <utility>
 
-#include "latin/algebra/sparse_product.hpp"
+#include "algebra/sparse_product.hpp"
+#include "common/numbers.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/numbers.hpp"
 
 namespace latin::iteration {
 namespace {

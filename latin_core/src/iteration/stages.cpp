@@ -1,4 +1,4 @@
-#include "latin/iteration/stages.hpp"
+#include "iteration/stages.hpp"
 
 #include <algorithm>
 #include <array>
@@ -8,11 +8,11 @@
 #include <memory>
 #include <utility>
 
+#include "iteration/newton.hpp"
+#include "iteration/sparse_skeleton.hpp"
 #include "latin/common/error.hpp"
-#include "latin/iteration/newton.hpp"
-#include "latin/iteration/sparse_skeleton.hpp"
-#include "latin/substructure/interface_system.hpp"
-#include "latin/substructure/tangent.hpp"
+#include "substructure/interface_system.hpp"
+#include "substructure/tangent.hpp"
 
 namespace latin::iteration {
 

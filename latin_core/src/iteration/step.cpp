@@ -1,4 +1,4 @@
-#include "latin/iteration/step.hpp"
+#include "iteration/step.hpp"
 
 #include <algorithm>
 #include <cmath>

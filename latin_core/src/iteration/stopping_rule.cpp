@@ -1,4 +1,4 @@
-#include "latin/iteration/stopping_rule.hpp"
+#include "iteration/stopping_rule.hpp"
 
 #include <algorithm>
 #include <cmath>

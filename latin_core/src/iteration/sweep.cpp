@@ -1,4 +1,4 @@
-#include "latin/iteration/sweep.hpp"
+#include "iteration/sweep.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -12,11 +12,11 @@
 #include <span>
 #include <string>
 
+#include "common/numbers.hpp"
+#include "common/threads.hpp"
+#include "iteration/batch.hpp"
+#include "iteration/verification.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/numbers.hpp"
-#include "latin/common/threads.hpp"
-#include "latin/iteration/batch.hpp"
-#include "latin/iteration/verification.hpp"
 
 namespace latin::iteration {
 namespace {

@@ -1,12 +1,12 @@
-#include "latin/iteration/tangent_system.hpp"
+#include "iteration/tangent_system.hpp"
 
 #include <algorithm>
 #include <utility>
 
-#include "latin/common/numbers.hpp"
-#include "latin/common/threads.hpp"
-#include "latin/iteration/krylov.hpp"
-#include "latin/iteration/skeleton.hpp"
+#include "common/numbers.hpp"
+#include "common/threads.hpp"
+#include "iteration/krylov.hpp"
+#include "iteration/skeleton.hpp"
 
 namespace latin::iteration {
 namespace {

@@ -1,13 +1,13 @@
-#include "latin/iteration/verification.hpp"
+#include "iteration/verification.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
+#include "common/numbers.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/numbers.hpp"
-#include "latin/substructure/coupled.hpp"
+#include "substructure/coupled.hpp"
 
 namespace latin::iteration {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/mortar/blocks.hpp"
+#include "mortar/blocks.hpp"
 
 #include <algorithm>
 #include <cmath>

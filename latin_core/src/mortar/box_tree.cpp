@@ -1,4 +1,4 @@
-#include "latin/mortar/box_tree.hpp"
+#include "mortar/box_tree.hpp"
 
 #include <algorithm>
 #include <numeric>

@@ -1,4 +1,4 @@
-#include "latin/mortar/face.hpp"
+#include "mortar/face.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,4 +1,4 @@
-#include "latin/mortar/overlap.hpp"
+#include "mortar/overlap.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -8,9 +8,9 @@
 #include <numbers>
 #include <utility>
 
+#include "common/threads.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/threads.hpp"
-#include "latin/mortar/box_tree.hpp"
+#include "mortar/box_tree.hpp"
 
 namespace latin::mortar {
 

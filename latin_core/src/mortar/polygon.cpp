@@ -1,4 +1,4 @@
-#include "latin/mortar/polygon.hpp"
+#include "mortar/polygon.hpp"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "latin/stochastic/basis.hpp"
+#include "stochastic/basis.hpp"
 
 #include <algorithm>
 #include <utility>

@@ -1,4 +1,4 @@
-#include "latin/stochastic/coupling.hpp"
+#include "stochastic/coupling.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -6,7 +6,7 @@
 #include <string>
 
 #include "latin/common/error.hpp"
-#include "latin/stochastic/galerkin.hpp"
+#include "stochastic/galerkin.hpp"
 
 namespace latin::stochastic {
 Coupling::Coupling(const ChaosBasis& basis, ConstMatrixRef coefficients,

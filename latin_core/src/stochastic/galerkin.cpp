@@ -1,4 +1,4 @@
-#include "latin/stochastic/galerkin.hpp"
+#include "stochastic/galerkin.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "latin/stochastic/galerkin_operator.hpp"
+#include "stochastic/galerkin_operator.hpp"
 
 #include <exception>
 #include <string>

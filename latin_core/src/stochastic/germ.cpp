@@ -1,4 +1,4 @@
-#include "latin/stochastic/germ.hpp"
+#include "stochastic/germ.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>

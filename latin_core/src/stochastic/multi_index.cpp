@@ -1,4 +1,4 @@
-#include "latin/stochastic/multi_index.hpp"
+#include "stochastic/multi_index.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "latin/stochastic/quadrature.hpp"
+#include "stochastic/quadrature.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <string>
 
 #include "latin/common/error.hpp"
-#include "latin/stochastic/multi_index.hpp"
+#include "stochastic/multi_index.hpp"
 
 namespace latin::stochastic {
 

@@ -1,4 +1,4 @@
-#include "latin/stochastic/statistics.hpp"
+#include "stochastic/statistics.hpp"
 
 #include <limits>
 

@@ -1,11 +1,11 @@
-#include "latin/stochastic/transform.hpp"
+#include "stochastic/transform.hpp"
 
 #include <cstddef>
 #include <string>
 
-#include "latin/algebra/eigenvectors.hpp"
+#include "algebra/eigenvectors.hpp"
 #include "latin/common/error.hpp"
-#include "latin/stochastic/galerkin.hpp"
+#include "stochastic/galerkin.hpp"
 
 namespace latin::stochastic {
 namespace {

@@ -4,8 +4,8 @@
 #include <string_view>
 
 #include "latin/common/error.hpp"
-#include "latin/study/implementation.hpp"
-#include "latin/substructure/global_stage.hpp"
+#include "study/implementation.hpp"
+#include "substructure/global_stage.hpp"
 
 namespace latin {
 namespace {

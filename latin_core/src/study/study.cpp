@@ -4,9 +4,9 @@
 #include <limits>
 #include <utility>
 
-#include "latin/common/numbers.hpp"
-#include "latin/iteration/solver.hpp"
-#include "latin/study/implementation.hpp"
+#include "common/numbers.hpp"
+#include "iteration/solver.hpp"
+#include "study/implementation.hpp"
 
 namespace latin {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/substructure/body.hpp"
+#include "substructure/body.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
@@ -11,14 +11,14 @@
 #include <utility>
 #include <vector>
 
-#include "latin/algebra/eigenvectors.hpp"
-#include "latin/algebra/inverse.hpp"
-#include "latin/algebra/sparse_product.hpp"
-#include "latin/algebra/trailing.hpp"
-#include "latin/algebra/triangle.hpp"
+#include "algebra/eigenvectors.hpp"
+#include "algebra/inverse.hpp"
+#include "algebra/sparse_product.hpp"
+#include "algebra/trailing.hpp"
+#include "algebra/triangle.hpp"
+#include "common/numbers.hpp"
 #include "latin/common/error.hpp"
 #include "latin/common/interrupt.hpp"
-#include "latin/common/numbers.hpp"
 
 namespace latin::substructure {
 namespace {

@@ -1,12 +1,12 @@
-#include "latin/substructure/coupled.hpp"
+#include "substructure/coupled.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "latin/algebra/sparse_product.hpp"
-#include "latin/common/numbers.hpp"
+#include "algebra/sparse_product.hpp"
+#include "common/numbers.hpp"
 
 namespace latin::substructure {
 namespace {

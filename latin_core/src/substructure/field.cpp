@@ -1,11 +1,11 @@
-#include "latin/substructure/field.hpp"
+#include "substructure/field.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
-#include "latin/algebra/sparse_product.hpp"
+#include "algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {

@@ -1,4 +1,4 @@
-#include "latin/substructure/flexibility.hpp"
+#include "substructure/flexibility.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
@@ -7,11 +7,11 @@
 #include <functional>
 #include <mutex>
 
-#include "latin/algebra/triangle.hpp"
+#include "algebra/triangle.hpp"
+#include "common/threads.hpp"
 #include "latin/common/error.hpp"
 #include "latin/common/interrupt.hpp"
-#include "latin/common/threads.hpp"
-#include "latin/substructure/joined.hpp"
+#include "substructure/joined.hpp"
 
 namespace latin::substructure {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/substructure/global_stage.hpp"
+#include "substructure/global_stage.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,12 +1,12 @@
-#include "latin/substructure/interface_system.hpp"
+#include "substructure/interface_system.hpp"
 
 #include <algorithm>
 #include <array>
 #include <memory>
 #include <utility>
 
-#include "latin/common/exchange.hpp"
-#include "latin/substructure/local_stage.hpp"
+#include "common/exchange.hpp"
+#include "substructure/local_stage.hpp"
 
 namespace latin::substructure {
 namespace {

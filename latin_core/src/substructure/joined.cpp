@@ -1,11 +1,11 @@
-#include "latin/substructure/joined.hpp"
+#include "substructure/joined.hpp"
 
 #include <algorithm>
 #include <map>
 #include <utility>
 
+#include "common/exchange.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/exchange.hpp"
 
 namespace latin::substructure {
 namespace {

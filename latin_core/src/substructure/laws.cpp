@@ -1,11 +1,11 @@
-#include "latin/substructure/laws.hpp"
+#include "substructure/laws.hpp"
 
 #include <algorithm>
 #include <array>
 #include <utility>
 
+#include "common/exchange.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/exchange.hpp"
 
 namespace latin::substructure {
 namespace {

@@ -1,11 +1,11 @@
-#include "latin/substructure/local_stage.hpp"
+#include "substructure/local_stage.hpp"
 
 #include <algorithm>
 #include <functional>
 #include <utility>
 
+#include "interface/built_in.hpp"
 #include "latin/common/error.hpp"
-#include "latin/interface/built_in.hpp"
 
 namespace latin::substructure {
 namespace {

@@ -1,4 +1,4 @@
-#include "latin/substructure/macro.hpp"
+#include "substructure/macro.hpp"
 
 #include <algorithm>
 #include <iterator>

@@ -1,11 +1,11 @@
-#include "latin/substructure/pair.hpp"
+#include "substructure/pair.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <utility>
 
-#include "latin/algebra/inverse.hpp"
-#include "latin/algebra/sparse_product.hpp"
+#include "algebra/inverse.hpp"
+#include "algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {

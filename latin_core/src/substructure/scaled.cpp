@@ -1,6 +1,6 @@
-#include "latin/substructure/scaled.hpp"
+#include "substructure/scaled.hpp"
 
-#include "latin/algebra/sparse_product.hpp"
+#include "algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {

@@ -1,12 +1,12 @@
-#include "latin/substructure/seen_forces.hpp"
+#include "substructure/seen_forces.hpp"
 
 #include <Eigen/IterativeLinearSolvers>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
 
-#include "latin/algebra/sparse_product.hpp"
-#include "latin/substructure/structure.hpp"
+#include "algebra/sparse_product.hpp"
+#include "substructure/structure.hpp"
 
 namespace latin::substructure {
 namespace {

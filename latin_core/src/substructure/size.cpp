@@ -1,9 +1,9 @@
-#include "latin/substructure/size.hpp"
+#include "substructure/size.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-#include "latin/common/numbers.hpp"
+#include "common/numbers.hpp"
 
 namespace latin::substructure {
 namespace {

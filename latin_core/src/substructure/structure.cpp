@@ -1,4 +1,4 @@
-#include "latin/substructure/structure.hpp"
+#include "substructure/structure.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -11,9 +11,9 @@
 #include <ranges>
 #include <utility>
 
+#include "common/exchange.hpp"
+#include "common/threads.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/exchange.hpp"
-#include "latin/common/threads.hpp"
 
 namespace latin::substructure {
 namespace {

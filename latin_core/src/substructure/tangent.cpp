@@ -1,4 +1,4 @@
-#include "latin/substructure/tangent.hpp"
+#include "substructure/tangent.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -6,10 +6,10 @@
 #include <cmath>
 #include <utility>
 
-#include "latin/algebra/inverse.hpp"
-#include "latin/algebra/sparse_product.hpp"
+#include "algebra/inverse.hpp"
+#include "algebra/sparse_product.hpp"
+#include "common/numbers.hpp"
 #include "latin/common/error.hpp"
-#include "latin/common/numbers.hpp"
 
 namespace latin::substructure {
 namespace {
