@@ -8,12 +8,12 @@ here. ``dolfinx_frontend.__version__`` is the installed version.
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
+from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend import geometry, io, reference
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.interrupts import keep_broken_pipes as _keep_broken_pipes
 from dolfinx_frontend.common.progress import progress

@@ -84,11 +84,12 @@ class SampleResult(Value, PointResults, StochasticResult):
         return self.random.space
 
     def joined(self, other: SampleResult) -> SampleResult:
-        """The points of both in this order, all with the same weight."""
+        """The points of both in this order, all with the same weight, of sum 1."""
         germs = np.concatenate([self.germs, other.germs])
         seconds = {k: self.seconds[k] + other.seconds[k] for k in self.seconds}
         points = self.points.joined(other.points)
-        return replace(self, germs=germs, weights=np.ones(len(germs)), points=points, seconds=seconds)
+        weights = np.full(len(germs), 1.0 / len(germs))
+        return replace(self, germs=germs, weights=weights, points=points, seconds=seconds)
 
     def check_complete(self) -> None:
         """Refuse statistics of an interrupted sampling.
