@@ -8,7 +8,7 @@ here. ``dolfinx_frontend.__version__`` is the installed version.
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
-from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
+from dolfinx_frontend.common import release as _release  # first: before MPI has threads
 from dolfinx_frontend import geometry, io, reference
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.interface import Interface

@@ -48,7 +48,7 @@ from dolfinx_frontend.evaluate.model import QuantityModel, errors_of, samples_of
 from dolfinx_frontend.moments.fields import Lost, beside_fields, lost_of_fields
 from dolfinx_frontend.moments.model import Moments
 from dolfinx_frontend.moments.samples import by_samples
-from dolfinx_frontend.moments.search import FEW_GERMS, endless, moments_to, tails_of, tolerance_of
+from dolfinx_frontend.moments.search import FEW_GERMS, endless, judges_of, moments_to, tails_of, tolerance_of
 from dolfinx_frontend.moments.tails import Tail, beyond_all, note_of, seen_to
 from dolfinx_frontend.moments.validation import Witnesses, misfit, witnesses
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
@@ -449,9 +449,7 @@ class _Search:
             if not curved:
                 self._look(quantity)
         if quantity is not None and self.seen is not None:
-            value = self.result.mean_std(quantity)
-            self.tails = tails_of(self.model, value, self.seen, self.target, self.rtol)
-            self._note_tails(quantity)
+            self._look_far(quantity, self.seen)
         if quantity is not None and (curved or not isinstance(quantity, Resultant) or self._alone()):
             return self._by_points(quantity)
         left, stalled = self._grow(curved)
@@ -616,17 +614,20 @@ class _Search:
 
     def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
         """Solved points instead of a chaos."""
-        about, known = self.result.mean_std(quantity), bool(self.tails)
-        accuracy, target, rtol = self.accuracy, self.target, self.rtol
-        found, notes = moments_to(
-            self.model, about, accuracy, target, rtol, self.seen, self.tails, self.keep
-        )
-        if not known:
-            self._note_tails(quantity)
+        model, about, target = self.model, self.result.mean_std(quantity), self.target
+        judges = self.seen
+        if judges is None:
+            judges = judges_of(model, about, target)
+            if judges is not None:
+                self._look_far(quantity, judges)
+        limits = self.accuracy, target
+        found, notes = moments_to(model, about, *limits, self.seen, judges, self.tails, self.keep)
         self.notes += notes
         return self._of_moments(found)
 
-    def _note_tails(self, quantity: Wanted) -> None:
+    def _look_far(self, quantity: Wanted, seen: Witnesses) -> None:
+        """Find the tails that matter, and say what they mean."""
+        self.tails = tails_of(self.model, self.result.mean_std(quantity), seen, self.target, self.rtol)
         note = note_of(self.tails, quantity, self.result.space.germ_names)
         self.notes += (note,) if note else ()
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from latin_core import Options
 
 from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.common.arrays import Array, Flags
@@ -16,7 +17,7 @@ from dolfinx_frontend.evaluate.evaluator import complete
 from dolfinx_frontend.evaluate.sampling import sample_on
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.moments.fields import FullFields
-from dolfinx_frontend.moments.model import Contact, Evaluations, Guess, Moments
+from dolfinx_frontend.moments.model import ContactStates, Evaluations, Guess, Moments
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.price import Way, price, speed
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -28,7 +29,6 @@ from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace
 from dolfinx_frontend.uncertainty.statistics import Statistic
-from latin_core import Options
 
 __all__ = ["QuantityModel", "errors_of", "samples_of"]
 
@@ -172,17 +172,17 @@ class QuantityModel:
             first.answer.joined(second.answer),
         )
 
-    def contacts(self, found: Evaluations) -> list[Contact]:
+    def contacts(self, found: Evaluations) -> list[ContactStates]:
         """The contacts at solved points; collective."""
         return [self._contact(found.answer, name) for name in self._contacts]
 
-    def _contact(self, answer: ChaosResult | SampleResult, name: str) -> Contact:
+    def _contact(self, answer: ChaosResult | SampleResult, name: str) -> ContactStates:
         def everywhere(read: Callable[[ChaosResult | SampleResult, str], Array]) -> Array:
             return answer.everywhere(name, partial(read, answer, name))
 
         count = self.random.problem.interfaces[name].num_points
         pressed, apart = partial(everywhere, _pressed), partial(everywhere, _apart)
-        return Contact(count, everywhere(_counts), pressed, apart)
+        return ContactStates(count, everywhere(_counts), pressed, apart)
 
     def guess(self) -> Guess | None:
         """What the chaos says of the contacts; collective."""

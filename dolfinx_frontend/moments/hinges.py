@@ -25,7 +25,7 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.deferred import linalg
 from dolfinx_frontend.common.interrupts import stop_if_pressed
-from dolfinx_frontend.moments.model import Contact
+from dolfinx_frontend.moments.model import ContactStates
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
@@ -201,7 +201,7 @@ def _fitted(terms: Terms, inside: Sequence[Flags], order: int, steps: int = STEP
     return best
 
 
-def sides_of(contacts: Sequence[Contact]) -> list[Flags]:
+def sides_of(contacts: Sequence[ContactStates]) -> list[Flags]:
     """Points (n,) each where a contact is open somewhere, in more than half of its points, and everywhere."""
     found = []
     for contact in contacts:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.moments.model import Contact
+from dolfinx_frontend.moments.model import ContactStates
 
 __all__ = ["all_states_of", "error_by_kinks", "opening_directions"]
 
@@ -23,13 +23,13 @@ NOTHING = 1e-9
 """Share of the largest force, or gap, below which there is none."""
 
 
-def all_states_of(contacts: Sequence[Contact], count: int) -> Array:
+def all_states_of(contacts: Sequence[ContactStates], count: int) -> Array:
     """How many points of each contact are open, and how many slip, side by side at n points: (n, 2 contacts)
     numbers."""
     return np.concatenate([np.zeros((count, 0)), *(each.counts for each in contacts)], axis=1)
 
 
-def opening_directions(contacts: Sequence[Contact], scores: Array) -> list[tuple[float, Array]]:
+def opening_directions(contacts: Sequence[ContactStates], scores: Array) -> list[tuple[float, Array]]:
     """How far out contacts open, or close if hardly one is closed, and in which direction (L,) of the normal
     scores (n, L) of solved points.
 

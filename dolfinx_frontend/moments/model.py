@@ -5,11 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-
 
 from dolfinx_frontend.common.arrays import Array, Flags, largest_of
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -23,7 +21,7 @@ from dolfinx_frontend.uncertainty.statistics import (
 )
 
 __all__ = [
-    "Contact",
+    "ContactStates",
     "Evaluations",
     "Guess",
     "Keep",
@@ -35,7 +33,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactStates:
     """States of a contact at n solved points.
 
     Attributes
@@ -88,7 +86,7 @@ class Evaluations:
     seconds: float
     answer: Any = None
 
-    @cached_property
+    @property
     def largest_error(self) -> float:
         """The largest of the errors; NaN: one is not known."""
         return largest_of(self.error)
@@ -98,7 +96,7 @@ class Guess(NamedTuple):
     """What an approximation says of the contacts: where to look, right or not."""
 
     points: Array  # (N, L) of the germs
-    kinds: Flags  # (N, 3 contacts), as of `Contact.kinds`
+    kinds: Flags  # (N, 3 contacts), as of `ContactStates.kinds`
 
 
 class PointModel(Protocol):
@@ -138,7 +136,7 @@ class PointModel(Protocol):
     def joined(self, first: Evaluations, second: Evaluations) -> Evaluations:
         """The points of both in this order."""
 
-    def contacts(self, found: Evaluations) -> Sequence[Contact]:
+    def contacts(self, found: Evaluations) -> Sequence[ContactStates]:
         """The contacts at solved points."""
 
     @property

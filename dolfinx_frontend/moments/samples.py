@@ -239,8 +239,9 @@ class _Samples:
             return self._quantile(fit, target, self.statistic.level)
         statistic, known = self.statistic, self.solved.points
         about = float(self.drawn @ self.values), self._spread()
-        own, doubts, means = self._corrected(fit, about, self._count_of(fit, about, target))
-        controls, germs = statistic.controls(self._unseen(fit), *about), known
+        unseen = self._unseen(fit)
+        own, doubts, means = self._corrected(fit, about, self._count_of(fit, about, target), unseen)
+        controls, germs = statistic.controls(unseen, *about), known
         every, drawn = self.values, self.drawn
         free: Array | None = None
         if fit.functions is not None and self.lines is not None:
@@ -266,15 +267,15 @@ class _Samples:
         is off: what the sets scatter by is at least what so many samples of that probability do.
         """
         about = self.statistic.value(self.values, self.drawn).mean, self._spread()
-        count = self._count_of(fit, about, target)
+        count, unseen = self._count_of(fit, about, target), self._unseen(fit)
 
         def below(value: float) -> float:
-            return float(self._corrected(fit, (value, about[1]), count)[0].mean())
+            return float(self._corrected(fit, (value, about[1]), count, unseen)[0].mean())
 
         lower, upper = float(self.values.min()), float(self.values.max())
         ends = lower - about[1], upper + about[1]
         value = _crossing(below, level, *ends)
-        own, doubts, _ = self._corrected(fit, (value, about[1]), count)
+        own, doubts, _ = self._corrected(fit, (value, about[1]), count, unseen)
         near = [
             float(self._integrals(fit, (value + off, about[1]), count, slice(SETS, None)).mean())
             for off in (-fit.rest, fit.rest)
@@ -298,9 +299,7 @@ class _Samples:
         for _ in range(2):  # what the neighbours weigh says how much must be below
             one, other = weights[pair]
             below = np.array([level + 0.5 * one - 0.5 * part * (one + other)])
-            weights = calibrated(
-                self.space, self.solved.points, self.drawn, (inside, below), MOST_BESIDE
-            )
+            weights = calibrated(self.space, self.solved.points, self.drawn, (inside, below), MOST_BESIDE)
         return weights
 
     def _how(self, fit: Hinged) -> str:
@@ -310,12 +309,15 @@ class _Samples:
             beside = f"functions of each germ and their products of degree {fit.order}"
         return f"{SETS} sets of {self.each} samples beside {beside}"
 
-    def _corrected(self, fit: Hinged, about: tuple[float, float], count: int) -> tuple[Array, Array, Array]:
+    def _corrected(
+        self, fit: Hinged, about: tuple[float, float], count: int, unseen: Array
+    ) -> tuple[Array, Array, Array]:
         """Expectations (sets, k) of the controls of the quantity by each set, errors (k,) of the integrals,
-        and the expectations (k,) of the controls of the fits; `count`: points of a set of these, 0: none."""
+        and the expectations (k,) of the controls of the fits; `count`: points of a set of these, 0: none;
+        `unseen`: values (n,) of the fits that have not seen the set of a point."""
         means, doubts = self._expected(fit, about, count)
         lacks = self.statistic.controls(self.values, *about)
-        lacks = lacks - self.statistic.controls(self._unseen(fit), *about)
+        lacks = lacks - self.statistic.controls(unseen, *about)
         of_sets = [SETS * self.drawn[self.labels == k] @ lacks[self.labels == k] for k in range(SETS)]
         return means + of_sets, doubts, means.mean(axis=0)
 
@@ -325,14 +327,12 @@ class _Samples:
         if not len(fit.signs) and self.statistic.level is None and self._unbounded(fit):
             return 0
         count, most = FIRST_COUNT, min(MOST_COUNT, PER_SAMPLE * len(self.values))
-        while count * SETS < most and self._doubts(fit, about, count).max() > OF_INTEGRAL * target:
+        while count * SETS < most:
+            of_all = self._integrals(fit, about, count, slice(SETS, None))
+            if _doubts(of_all).max() <= OF_INTEGRAL * target:
+                break
             count *= 4
         return count
-
-    def _doubts(self, fit: Hinged, about: tuple[float, float], count: int) -> Array:
-        of_all = self._integrals(fit, about, count, slice(SETS, None))
-        doubts: Array = SURE * of_all.std(axis=0, ddof=1)[0] / np.sqrt(SETS)
-        return doubts
 
     def _expected(self, fit: Hinged, about: tuple[float, float], count: int) -> tuple[Array, Array]:
         """Expectations (sets, k) of the controls of every fit but the last one, and errors (k,) of these.
@@ -346,8 +346,7 @@ class _Samples:
         of_all = self._integrals(fit, about, count, slice(SETS, None))
         every = self._integrals(fit, about, max(count // FEWER, FIRST_COUNT), slice(None))
         beside = every[:, :-1] - every[:, -1:]
-        doubts = SURE * beside.std(axis=0, ddof=1).max(axis=0) / np.sqrt(SETS)
-        return of_all.mean(axis=0) + beside.mean(axis=0), self._doubts(fit, about, count) + doubts
+        return of_all.mean(axis=0) + beside.mean(axis=0), _doubts(of_all) + _doubts(beside)
 
     def _unbounded(self, fit: Hinged) -> bool:
         """Whether a fit keeps within its range at wide points: beyond, it is no polynomial."""
@@ -453,6 +452,12 @@ class _Samples:
                 middle = normal_scores(self.space, seen.points[[int(np.argmax(rest))]])[0]
         if float(np.linalg.norm(middle)) > FAR_AWAY:
             self.centre = middle
+
+
+def _doubts(integrals: Array) -> Array:
+    """(k,) errors of the means of integrals (SETS, fits, k) over the sets: of the fit with the largest."""
+    of_fits: Array = SURE * integrals.std(axis=0, ddof=1) / np.sqrt(SETS)
+    return np.asarray(of_fits.max(axis=0))
 
 
 def _crossing(rising: Callable[[float], float], level: float, lower: float, upper: float) -> float:

@@ -14,7 +14,7 @@ from dolfinx_frontend.moments.tails import Tail, beside_tails, heavy_tails
 from dolfinx_frontend.moments.validation import Witnesses, few_witnesses
 from dolfinx_frontend.uncertainty.statistics import FINEST, MeanStd, share_of, size_of, whole_of
 
-__all__ = ["FEW_GERMS", "endless", "moments_to", "spread_of", "tails_of", "tolerance_of"]
+__all__ = ["FEW_GERMS", "endless", "judges_of", "moments_to", "tails_of", "tolerance_of"]
 
 FEW_GERMS = 3
 """Most germs that are integrated by tensor rules."""
@@ -39,19 +39,17 @@ NOTICED = 0.1
 """Share of the accuracy that witnesses must be off the mean by so that their tails are looked at."""
 
 
-def spread_of(about: MeanStd, model: PointModel) -> float:
+def _spread(about: MeanStd, model: PointModel) -> float:
     """What counts of a number beside its mean, at most 1; `about`: what is known of its moments."""
     whole = max(about.std or 0.0, model.statistic.compared.least)
     return min(share_of(whole, about.mean), 1.0) or 1e-6
 
 
-def tolerance_of(
-    model: PointModel, target: float, about: MeanStd, loosest: float | None = None
-) -> float:
+def tolerance_of(model: PointModel, target: float, about: MeanStd, loosest: float = LOOSEST) -> float:
     """Tolerance of single points: relative to the whole, of which a number may scatter by a share only."""
-    if loosest is None or model.linear:
-        loosest = LOOSEST_LINEAR if model.linear else LOOSEST
-    return float(np.clip(TIGHT * target * spread_of(about, model), FINEST, loosest))
+    if model.linear:
+        loosest = LOOSEST_LINEAR
+    return float(np.clip(TIGHT * target * _spread(about, model), FINEST, loosest))
 
 
 def tails_of(
@@ -72,14 +70,27 @@ def endless(tails: Sequence[Tail]) -> bool:
     return any(tail.power + tail.doubt >= 0.5 for tail in tails)
 
 
+def judges_of(model: PointModel, about: MeanStd, target: float) -> Witnesses | None:
+    """Witnesses of rules; None: there are too many germs for rules, or a quantile is asked for."""
+    if not _ruled(model):
+        return None
+    alone = tolerance_of(model, target, about, LOOSEST_ALONE)
+    loose = OF_WITNESSES * np.sqrt(target) * _spread(about, model)
+    return few_witnesses(model, float(np.clip(loose, alone, LOOSEST_ALONE)), target)
+
+
+def _ruled(model: PointModel) -> bool:
+    return model.space.dimension <= FEW_GERMS and model.statistic.level is None
+
+
 def moments_to(
     model: PointModel,
     about: MeanStd,
     accuracy: float,
     target: float,
-    rtol: float,
     seen: Witnesses | None = None,
-    tails: list[Tail] | None = None,
+    judges: Witnesses | None = None,
+    tails: Sequence[Tail] = (),
     keep: Keep = lambda found: None,
 ) -> tuple[Moments, tuple[str, ...]]:
     """Moments, or a quantile, to an accuracy, and notes of what could not be reached.
@@ -87,27 +98,21 @@ def moments_to(
     Parameters
     ----------
     about
-        What is known of the moments, and `rtol` its relative error.
+        What is known of the moments.
     accuracy, target
         Relative error at most: of all that is left, and of the points.
-    seen, tails
-        Witnesses and tails that are known; tails that are found are added to them.
+    seen, judges
+        Witnesses of what stands for the number, if there are, and of rules.
+    tails
+        Those that matter.
     keep
         Takes what is known while more points are solved.
     """
-    space, spread = model.space, spread_of(about, model)
-    each = tolerance_of(model, target, about)
-    tails = [] if tails is None else tails
-    if space.dimension <= FEW_GERMS and model.statistic.level is None:
-        alone = tolerance_of(model, target, about, LOOSEST_ALONE)
-        judges = seen
-        if judges is None:
-            of_seen = float(np.clip(OF_WITNESSES * np.sqrt(target) * spread, alone, LOOSEST_ALONE))
-            judges = few_witnesses(model, of_seen, target)
-            tails += tails_of(model, about, judges, target, rtol)
+    space, each = model.space, tolerance_of(model, target, about)
+    if judges is not None and _ruled(model):
         found = None
         if not tails or (space.dimension > 1 and not endless(tails)):
-            found = by_rules(model, target, alone, judges, keep)
+            found = by_rules(model, target, tolerance_of(model, target, about, LOOSEST_ALONE), judges, keep)
             if found is not None and tails:
                 found = beside_tails(found, tails, space, judges.points)
                 found = found if found.total(model.statistic) <= accuracy else None

@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.deferred import special
 from dolfinx_frontend.moments.kinks import all_states_of, opening_directions
-from dolfinx_frontend.moments.model import Contact, Evaluations, PointModel
+from dolfinx_frontend.moments.model import ContactStates, Evaluations, PointModel
 from dolfinx_frontend.moments.points import POINTS, Panel, calibrated, normal_scores, wide_points
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
@@ -139,7 +139,7 @@ def with_unmet_states(
     return seen
 
 
-def _openings(model: PointModel, contacts: Sequence[Contact], known: Array) -> tuple[Array, Array]:
+def _openings(model: PointModel, contacts: Sequence[ContactStates], known: Array) -> tuple[Array, Array]:
     """Points (n, L) where contacts open by what known ones (k, L) tell, and the probability that each stands
     for.
 
@@ -156,7 +156,7 @@ def _openings(model: PointModel, contacts: Sequence[Contact], known: Array) -> t
     return space.from_normal(np.concatenate(lines)), np.concatenate(shares)
 
 
-def _unmet(model: PointModel, contacts: Sequence[Contact]) -> tuple[Array, Array]:
+def _unmet(model: PointModel, contacts: Sequence[ContactStates]) -> tuple[Array, Array]:
     """The same where an approximation has contacts in a state in which no solved point has them.
 
     A contact may be met in a window of the germs that points pass by.

@@ -87,9 +87,8 @@ class SampleResult(Value, PointResults, StochasticResult):
         """The points of both in this order, all with the same weight, of sum 1."""
         germs = np.concatenate([self.germs, other.germs])
         seconds = {k: self.seconds[k] + other.seconds[k] for k in self.seconds}
-        points = self.points.joined(other.points)
-        weights = np.full(len(germs), 1.0 / len(germs))
-        return replace(self, germs=germs, weights=weights, points=points, seconds=seconds)
+        alike, points = np.full(len(germs), 1.0 / len(germs)), self.points.joined(other.points)
+        return replace(self, germs=germs, weights=alike, points=points, seconds=seconds)
 
     def check_complete(self) -> None:
         """Refuse statistics of an interrupted sampling.

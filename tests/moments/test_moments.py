@@ -11,10 +11,11 @@ import pytest
 from scipy import stats
 
 from dolfinx_frontend import Gamma, LogNormal, Normal, Uniform
-from dolfinx_frontend.moments.model import Contact, Evaluations, Guess, Moments, PointModel
+from dolfinx_frontend.moments.model import ContactStates, Evaluations, Guess, Moments, PointModel
 from dolfinx_frontend.moments.panels import by_panels
 from dolfinx_frontend.moments.rules import by_rules
 from dolfinx_frontend.moments.samples import by_samples
+from dolfinx_frontend.moments.search import judges_of, moments_to
 from dolfinx_frontend.moments.tails import heavy_tails
 from dolfinx_frontend.moments.validation import few_witnesses, witnesses
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -67,12 +68,12 @@ class ClosedForm:
         both = (np.concatenate([getattr(first, name), getattr(second, name)]) for name in names)
         return Evaluations(*both, True, first.rtol, 0.0)
 
-    def contacts(self, found: Evaluations) -> list[Contact]:
+    def contacts(self, found: Evaluations) -> list[ContactStates]:
         if self.gap is None:
             return []
         gap = np.asarray(self.gap(*self.numbers(found.points)))
         counts = np.stack([gap > 0.0, np.zeros(len(gap))], axis=-1).astype(np.float64)
-        return [Contact(1, counts, lambda: np.maximum(-gap, 0.0), lambda: np.maximum(gap, 0.0))]
+        return [ContactStates(1, counts, lambda: np.maximum(-gap, 0.0), lambda: np.maximum(gap, 0.0))]
 
     def guess(self) -> Guess | None:
         return None
@@ -83,8 +84,8 @@ class ClosedForm:
 
 def exact(model: ClosedForm) -> tuple[float, float]:
     """Mean and deviation by Gauss-Legendre on pieces of the normal scores, of one or two random numbers."""
-    at, w = np.polynomial.legendre.leggauss(20)
-    ends = np.linspace(-8.5, 8.5, 120)
+    at, w = np.polynomial.legendre.leggauss(10)
+    ends = np.linspace(-8.5, 8.5, 240 if len(model.laws) == 1 else 60)
     half = 0.5 * np.diff(ends)[:, None]
     z = (ends[:-1, None] + half * (1.0 + at)).ravel()
     w = (half * w).ravel() * stats.norm.pdf(z)
@@ -200,6 +201,42 @@ def test_tails_like_powers(cov: float, endless: bool) -> None:
     value = Statistic().value(seen.values, seen.weights)
     (tail,) = heavy_tails(model, seen, value, 1e-3)
     assert tail.power == pytest.approx(cov**2, abs=max(tail.doubt, 1e-6)) and tail.endless == endless
+
+
+def window(rng: np.random.Generator) -> ClosedForm:
+    """A contact that is met in a window of one to three germs, with a probability of .7 to 15 %."""
+    count = int(rng.integers(1, 4))
+    along = rng.normal(size=count)
+    along /= np.linalg.norm(along)
+    start, chance, slope = rng.uniform(-2.0, 2.0), 10.0 ** rng.uniform(-2.15, -0.82), rng.uniform(0.5, 3.0)
+    end = stats.norm.ppf(min(stats.norm.cdf(start) + chance, 1.0 - 1e-9))
+
+    def sums(x: Sequence[Any]) -> Any:
+        return sum(a * each for a, each in zip(along, x, strict=True))
+
+    return ClosedForm(
+        [Normal(f"x{k}", 0.0, std=1.0) for k in range(count)],
+        lambda *x: 5.0 + 0.3 * x[0] + slope * np.clip(sums(x) - start, 0.0, end - start),
+        gap=lambda *x: np.where((sums(x) > start) & (sums(x) < end), -1.0, 1.0),
+    )
+
+
+@pytest.mark.parametrize("make", [window, stop, series])
+def test_the_search(make: Callable[[np.random.Generator], ClosedForm]) -> None:
+    """Whatever it chooses, an accuracy that is reached is kept."""
+    rng = np.random.default_rng(11)
+    for _ in range(10):
+        model, accuracy = make(rng), 10.0 ** rng.uniform(-2.5, -1.0)
+        pilot = model.space.sample_sobol(64, 5)
+        about = Statistic().value(model.function(*model.numbers(pilot)), np.full(64, 1.0 / 64.0))
+        judges = judges_of(model, about, accuracy)
+        found, notes = moments_to(model, about, accuracy, 0.9 * accuracy, judges=judges)
+        many = model.space.sample_sobol(2**18, 3)
+        true = Statistic().value(model.function(*model.numbers(many)), np.full(2**18, 2.0**-18))
+        assert not notes and found.total(model.statistic) <= accuracy
+        assert found.value.std is not None and true.std is not None
+        assert abs(found.value.mean - true.mean) <= accuracy * true.mean
+        assert abs(found.value.std - true.std) <= accuracy * true.std
 
 
 def test_nothing_happens() -> None:
